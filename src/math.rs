@@ -1,0 +1,149 @@
+//! Real numbers and vectors of the CPU passes, which are generic: f64 is the reference, f32 the
+//! product.
+
+use std::fmt::Debug;
+use std::iter::Sum;
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+
+use glam::{DVec3, Vec3};
+
+/// A vector of three reals: a place, a direction, or red, green and blue.
+pub trait Vector<T>:
+    Copy
+    + Debug
+    + Default
+    + Send
+    + Sync
+    + 'static
+    + PartialEq
+    + Add<Output = Self>
+    + AddAssign
+    + Sub<Output = Self>
+    + SubAssign
+    + Neg<Output = Self>
+    + Mul<T, Output = Self>
+    + Mul<Self, Output = Self>
+{
+    fn new(x: T, y: T, z: T) -> Self;
+    /// From storage, which is f32 for both reals.
+    fn from_f32(v: Vec3) -> Self;
+    fn to_f32(self) -> Vec3;
+    fn dot(self, other: Self) -> T;
+    fn cross(self, other: Self) -> Self;
+    fn length(self) -> T;
+    fn to_array(self) -> [T; 3];
+}
+
+/// A real number: f32 or f64.
+pub trait Real:
+    Copy
+    + Debug
+    + Default
+    + Send
+    + Sync
+    + 'static
+    + PartialOrd
+    + Add<Output = Self>
+    + AddAssign
+    + Sub<Output = Self>
+    + SubAssign
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + Sum
+{
+    type Vec3: Vector<Self>;
+    const ZERO: Self;
+    const ONE: Self;
+    const PI: Self;
+    fn from_f64(x: f64) -> Self;
+    fn from_f32(x: f32) -> Self;
+    fn to_f64(self) -> f64;
+    fn abs(self) -> Self;
+    fn sqrt(self) -> Self;
+    fn atan2(self, x: Self) -> Self;
+    fn min(self, other: Self) -> Self;
+    fn max(self, other: Self) -> Self;
+}
+
+macro_rules! real {
+    ($t:ty, $v:ty, $from:expr, $to:expr, $pi:expr) => {
+        impl Vector<$t> for $v {
+            #[inline(always)]
+            fn new(x: $t, y: $t, z: $t) -> Self {
+                <$v>::new(x, y, z)
+            }
+            #[inline(always)]
+            fn from_f32(v: Vec3) -> Self {
+                $from(v)
+            }
+            #[inline(always)]
+            fn to_f32(self) -> Vec3 {
+                $to(self)
+            }
+            #[inline(always)]
+            fn dot(self, other: Self) -> $t {
+                <$v>::dot(self, other)
+            }
+            #[inline(always)]
+            fn cross(self, other: Self) -> Self {
+                <$v>::cross(self, other)
+            }
+            #[inline(always)]
+            fn length(self) -> $t {
+                <$v>::length(self)
+            }
+            #[inline(always)]
+            fn to_array(self) -> [$t; 3] {
+                <$v>::to_array(&self)
+            }
+        }
+        impl Real for $t {
+            type Vec3 = $v;
+            const ZERO: Self = 0.0;
+            const ONE: Self = 1.0;
+            const PI: Self = $pi;
+            #[inline(always)]
+            fn from_f64(x: f64) -> Self {
+                x as $t
+            }
+            #[inline(always)]
+            fn from_f32(x: f32) -> Self {
+                x as $t
+            }
+            #[inline(always)]
+            fn to_f64(self) -> f64 {
+                self as f64
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                <$t>::abs(self)
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                <$t>::sqrt(self)
+            }
+            #[inline(always)]
+            fn atan2(self, x: Self) -> Self {
+                <$t>::atan2(self, x)
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                <$t>::min(self, other)
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                <$t>::max(self, other)
+            }
+        }
+    };
+}
+
+real!(f32, Vec3, |v: Vec3| v, |v: Vec3| v, std::f32::consts::PI);
+real!(
+    f64,
+    DVec3,
+    |v: Vec3| v.as_dvec3(),
+    |v: DVec3| v.as_vec3(),
+    std::f64::consts::PI
+);

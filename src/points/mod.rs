@@ -1,0 +1,9 @@
+//! Points and what they stand for: surfels with their cells.
+
+mod cells;
+mod cloud;
+mod surfels;
+
+pub use cells::{Cells, MAX_EDGES};
+pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
+pub use surfels::Surfels;

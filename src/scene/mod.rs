@@ -1,0 +1,37 @@
+//! What is to be lit: points, lights, camera.
+
+use glam::{DVec3, Vec3};
+
+use crate::points::PointCloud;
+
+/// A light of zero size.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointLight {
+    /// In the scan's unit and coordinates.
+    pub position: DVec3,
+    /// Radiant intensity (linear RGB): irradiance at distance r on a facing surface is I / r².
+    pub intensity: Vec3,
+}
+
+/// A pinhole camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    pub position: DVec3,
+    pub look_at: DVec3,
+    pub up: DVec3,
+    /// Vertical field of view in degrees.
+    pub fov: f64,
+}
+
+/// Everything that a solve needs to know about the world.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    pub cloud: PointCloud,
+    pub lights: Vec<PointLight>,
+    /// Irradiance that an open plane gets from the uniform sky (linear RGB).
+    pub sky: Vec3,
+    /// Camera of the scene file; without one it is fitted to the cloud.
+    pub camera: Option<Camera>,
+    /// Tolerance of the scene file.
+    pub tolerance: Option<f64>,
+}
