@@ -1,12 +1,19 @@
 //! Light on point clouds.
 
 pub mod error;
+pub mod expansion;
 pub mod illuminate;
 pub mod map;
+pub mod lights;
+pub mod links;
 pub mod math;
+pub mod octree;
+pub mod operator;
+pub mod passes;
 pub mod points;
 pub mod progress;
 pub mod scene;
+pub mod solve;
 pub mod visibility;
 
 pub use error::{Error, Result};

@@ -1,6 +1,13 @@
-//! The cell of a surfel: its tangent-plane Voronoi polygon.
+//! The cell of a surfel: the piece of surface that it stands for.
+//!
+//! A cell is the Voronoi polygon of a point among its neighbours of similar normal, in the
+//! tangent plane, clipped where the surface folds (by the planes of neighbours of another
+//! orientation) and where it ends (open borders). Cells tile the surface: as sources they leave
+//! no gap in the near field, as occluders they neither leak nor stick out.
 
-use glam::{Vec2, Vec3};
+use std::f64::consts::PI;
+
+use glam::{DVec2, DVec3, Vec2, Vec3};
 
 /// Largest number of edges of a cell, so that a GPU can hold it.
 pub const MAX_EDGES: usize = 8;
@@ -15,4 +22,201 @@ pub struct Cells {
     /// Unit vectors orthogonal to the surfel's normal.
     pub tangents: Vec<Vec3>,
     pub corners: Vec<[Vec2; MAX_EDGES]>,
+}
+
+/// A neighbour seen from the point whose cell is made.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Neighbour {
+    /// Position relative to the point.
+    pub offset: DVec3,
+    pub normal: DVec3,
+}
+
+/// One cell with what follows from it.
+pub(super) struct Cell {
+    pub tangent: DVec3,
+    pub corners: [Vec2; MAX_EDGES],
+    pub area: f64,
+    /// Mean distance of the six nearest neighbours of similar normal.
+    pub spacing: f64,
+}
+
+/// A cell reaches no farther than this many spacings.
+const REACH: f64 = 0.85;
+/// An angle without a neighbour that is wider than this is an open border.
+const BORDER_GAP: f64 = 130.0 / 180.0 * PI;
+/// Neighbours that face away further than this belong to the other side of a thin wall.
+const OTHER_SIDE: f64 = -0.9;
+
+impl Cell {
+    /// The cell of a point with unit `normal` among its `neighbours` (nearest first); a neighbour
+    /// belongs to the same smooth surface if the cosine between the normals exceeds `crease`.
+    pub fn new(normal: DVec3, neighbours: &[Neighbour], crease: f64) -> Cell {
+        let similar = |n: &&Neighbour| n.normal.dot(normal) > crease;
+        let nearest = neighbours.first().map_or(1.0, |n| n.offset.length());
+        let (sum, count) = neighbours
+            .iter()
+            .filter(similar)
+            .take(6)
+            .fold((0.0, 0), |(s, c), n| (s + n.offset.length(), c + 1));
+        // A point alone in its orientation gets a small cell.
+        let spacing = if count > 0 { sum / count as f64 } else { 0.5 * nearest };
+        let (tangent, bitangent) = tangent_frame(normal, neighbours);
+        let flat = |v: DVec3| DVec2::new(v.dot(tangent), v.dot(bitangent));
+
+        let mut polygon = Polygon::regular(12, REACH * spacing);
+        for n in neighbours.iter().filter(similar) {
+            let height = n.offset.dot(normal);
+            let t = flat(n.offset);
+            if height.abs() < 0.7 * n.offset.length() {
+                polygon.clip(t, 0.5 * t.length_squared());
+            }
+        }
+        for n in neighbours.iter().filter(|n| folds(n, normal, crease, spacing)) {
+            // Keep the side of the neighbour's plane on which the point itself lies.
+            let side = -n.offset.dot(n.normal);
+            let across = flat(n.normal) * -side.signum();
+            if side.abs() > 1e-3 * spacing {
+                polygon.clip_unless_empty(across, side.abs());
+            }
+        }
+        for (direction, distance) in borders(neighbours, &flat, normal, crease, spacing) {
+            polygon.clip_unless_empty(direction, distance);
+        }
+        let area = polygon.area();
+        Cell {
+            tangent,
+            corners: polygon.bounded(),
+            area,
+            spacing,
+        }
+    }
+}
+
+/// A neighbour across a crease: another orientation, close by, and not the back of a thin wall.
+fn folds(n: &Neighbour, normal: DVec3, crease: f64, spacing: f64) -> bool {
+    let cos = n.normal.dot(normal);
+    cos <= crease && cos > OTHER_SIDE && n.offset.length() < 1.6 * spacing
+}
+
+/// Half-planes (unit direction, distance) that end the cell where the surface ends: in a wide
+/// angle without neighbours the border runs along the neighbours at its two sides, half a spacing
+/// out.
+fn borders(
+    neighbours: &[Neighbour],
+    flat: &impl Fn(DVec3) -> DVec2,
+    normal: DVec3,
+    crease: f64,
+    spacing: f64,
+) -> Vec<(DVec2, f64)> {
+    let around = |n: &&Neighbour| {
+        let cos = n.normal.dot(normal);
+        cos > OTHER_SIDE && n.offset.length() < if cos > crease { 2.0 } else { 1.6 } * spacing
+    };
+    let mut angles: Vec<f64> = neighbours
+        .iter()
+        .filter(around)
+        .map(|n| flat(n.offset))
+        .filter(|t| t.length_squared() > 0.0)
+        .map(|t| t.y.atan2(t.x))
+        .collect();
+    if angles.len() < 2 {
+        return Vec::new();
+    }
+    angles.sort_by(f64::total_cmp);
+    let half = 0.5
+        * neighbours
+            .iter()
+            .filter(|n| n.normal.dot(normal) > crease)
+            .take(3)
+            .map(|n| n.offset.length())
+            .sum::<f64>()
+        / 3.0;
+    let mut planes = Vec::new();
+    for (k, &from) in angles.iter().enumerate() {
+        let to = match angles.get(k + 1) {
+            Some(&next) => next,
+            None => angles[0] + 2.0 * PI,
+        };
+        if half > 0.0 && to - from > BORDER_GAP {
+            planes.push((DVec2::from_angle(from + 0.5 * PI), half));
+            planes.push((DVec2::from_angle(to - 0.5 * PI), half));
+        }
+    }
+    planes
+}
+
+/// Tangent and bitangent; the tangent points to the nearest neighbour, so that a cell turns with
+/// the cloud.
+fn tangent_frame(normal: DVec3, neighbours: &[Neighbour]) -> (DVec3, DVec3) {
+    let tangent = neighbours
+        .iter()
+        .map(|n| (n.offset - normal * n.offset.dot(normal)) / n.offset.length())
+        .find(|t| t.length() > 0.3)
+        .map_or_else(|| normal.any_orthonormal_vector(), DVec3::normalize);
+    (tangent, normal.cross(tangent))
+}
+
+/// A convex polygon around the origin, counter-clockwise.
+struct Polygon(Vec<DVec2>);
+
+impl Polygon {
+    fn regular(corners: usize, radius: f64) -> Polygon {
+        let angle = |k: usize| (k as f64 + 0.5) * 2.0 * PI / corners as f64;
+        Polygon(
+            (0..corners)
+                .map(|k| DVec2::from_angle(angle(k)) * radius)
+                .collect(),
+        )
+    }
+
+    /// Keeps the part where `direction · p <= limit`.
+    fn clip(&mut self, direction: DVec2, limit: f64) {
+        let inside = |p: DVec2| limit - direction.dot(p);
+        if self.0.iter().all(|&p| inside(p) >= 0.0) {
+            return;
+        }
+        let mut kept = Vec::with_capacity(self.0.len() + 1);
+        for (k, &a) in self.0.iter().enumerate() {
+            let b = self.0[(k + 1) % self.0.len()];
+            let (fa, fb) = (inside(a), inside(b));
+            if fa >= 0.0 {
+                kept.push(a);
+            }
+            if (fa >= 0.0) != (fb >= 0.0) {
+                kept.push(a + (b - a) * (fa / (fa - fb)));
+            }
+        }
+        self.0 = kept;
+    }
+
+    fn clip_unless_empty(&mut self, direction: DVec2, limit: f64) {
+        let before = self.0.clone();
+        self.clip(direction, limit);
+        if self.0.len() < 3 {
+            self.0 = before;
+        }
+    }
+
+    fn area(&self) -> f64 {
+        let n = self.0.len();
+        0.5 * (0..n)
+            .map(|k| self.0[k].perp_dot(self.0[(k + 1) % n]))
+            .sum::<f64>()
+    }
+
+    /// At most [`MAX_EDGES`] corners: the ones that cut off the least area go.
+    fn bounded(mut self) -> [Vec2; MAX_EDGES] {
+        while self.0.len() > MAX_EDGES {
+            let n = self.0.len();
+            let cut = |k: usize| {
+                let (a, b, c) = (self.0[(k + n - 1) % n], self.0[k], self.0[(k + 1) % n]);
+                (b - a).perp_dot(c - b)
+            };
+            let least = (0..n).min_by(|&a, &b| cut(a).total_cmp(&cut(b))).unwrap_or(0);
+            self.0.remove(least);
+        }
+        let last = self.0[self.0.len() - 1];
+        std::array::from_fn(|k| self.0.get(k).copied().unwrap_or(last).as_vec2())
+    }
 }

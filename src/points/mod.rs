@@ -6,4 +6,4 @@ mod surfels;
 
 pub use cells::{Cells, MAX_EDGES};
 pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
-pub use surfels::Surfels;
+pub use surfels::{Prepared, Surfels};

@@ -1,5 +1,9 @@
 //! Who sees whom: segments tested against the cells of the surfels.
 
+mod counted;
+
+pub use counted::Counted;
+
 use crate::error::Result;
 
 /// Stands for "no surfel" in [`Segment`]'s skip fields.

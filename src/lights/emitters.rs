@@ -1,0 +1,252 @@
+//! Light from surfels that shine.
+//!
+//! The emitters have an octree of their own. Each receiver descends it to the clusters that it can
+//! tell apart; their light without occlusion is summed up, and a few segments to places drawn in
+//! proportion to their light give the visible part, more where the first do not agree.
+
+use glam::DVec3;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+
+use super::BATCH;
+use crate::error::Result;
+use crate::expansion::{Local, Moments, Surface};
+use crate::octree::Octree;
+use crate::passes::cpu::{m2m, p2m};
+use crate::points::Surfels;
+use crate::progress::Progress;
+use crate::visibility::{Segment, Visibility};
+
+/// Segments a receiver: first, and more where the first do not agree.
+const SEGMENTS: [usize; 2] = [16, 48];
+
+/// Irradiance from the surfels' emission.
+pub fn emitters(
+    surfels: &Surfels,
+    tolerance: f64,
+    seed: u64,
+    visibility: &dyn Visibility,
+    progress: &dyn Progress,
+) -> Result<Vec<DVec3>> {
+    let shining: Vec<u32> = (0..surfels.len() as u32)
+        .filter(|&i| surfels.emission[i as usize].max_element() > 0.0)
+        .collect();
+    let mut irradiance = vec![DVec3::ZERO; surfels.len()];
+    if shining.is_empty() {
+        return Ok(irradiance);
+    }
+    let emitters = Emitters::new(surfels, &shining, tolerance);
+    progress.stage("emitters", surfels.len() as u64);
+    for (k, batch) in irradiance.chunks_mut(BATCH).enumerate() {
+        progress.check()?;
+        let first = k * BATCH;
+        let mut receivers: Vec<Receiver> = (first..first + batch.len())
+            .into_par_iter()
+            .map(|i| emitters.receiver(i, seed))
+            .collect();
+        for (round, count) in SEGMENTS.into_iter().enumerate() {
+            let drawn: Vec<Vec<Drawn>> = receivers
+                .par_iter_mut()
+                .map(|r| match round == 0 || r.partial() {
+                    true => emitters.draw(r, count),
+                    false => Vec::new(),
+                })
+                .collect();
+            let segments: Vec<Segment> = receivers
+                .iter()
+                .zip(&drawn)
+                .flat_map(|(r, drawn)| {
+                    drawn
+                        .iter()
+                        .map(|d| surfels.segment(r.index, d.emitter as usize))
+                })
+                .collect();
+            let mut visible = visibility.visible(&segments)?.into_iter();
+            for (r, drawn) in receivers.iter_mut().zip(&drawn) {
+                for (d, seen) in drawn.iter().zip(visible.by_ref()) {
+                    r.count(d, seen);
+                }
+            }
+        }
+        for (h, r) in batch.iter_mut().zip(&receivers) {
+            *h = r.irradiance();
+        }
+        progress.advance(batch.len() as u64);
+    }
+    Ok(irradiance)
+}
+
+/// The emitters with their octree and moments.
+struct Emitters {
+    octree: Octree,
+    /// Of the emitters, in the order of their octree.
+    emission: Vec<DVec3>,
+    /// All surfels: the receivers.
+    all: Surface<f64>,
+    /// Index among all surfels.
+    index: Vec<u32>,
+    moments: Vec<Moments<f64>>,
+    /// Clusters may be this large, in units of their distance.
+    opening: f64,
+}
+
+/// A cluster of emitters or a single one, as a receiver sees it.
+#[derive(Clone, Copy)]
+struct Item {
+    /// Emitters begin..end.
+    begin: u32,
+    end: u32,
+    /// What it brings if nothing is in the way.
+    irradiance: DVec3,
+}
+
+/// A place on an emitter to which a segment goes.
+struct Drawn {
+    emitter: u32,
+    /// Light that the segment stands for.
+    light: DVec3,
+}
+
+/// A surfel that takes light.
+struct Receiver {
+    index: usize,
+    items: Vec<Item>,
+    random: Pcg64Mcg,
+    unoccluded: DVec3,
+    tested: DVec3,
+    seen: DVec3,
+}
+
+impl Receiver {
+    fn count(&mut self, drawn: &Drawn, seen: bool) {
+        self.tested += drawn.light;
+        if seen {
+            self.seen += drawn.light;
+        }
+    }
+
+    fn partial(&self) -> bool {
+        self.seen != DVec3::ZERO && self.seen != self.tested
+    }
+
+    /// Light without occlusion times the visible part, channel by channel.
+    fn irradiance(&self) -> DVec3 {
+        let part = self.seen / self.tested.max(DVec3::splat(f64::MIN_POSITIVE));
+        self.unoccluded * part
+    }
+}
+
+impl Emitters {
+    fn new(surfels: &Surfels, shining: &[u32], tolerance: f64) -> Self {
+        let subset = surfels.reordered(shining);
+        let (octree, sorted) = Octree::build(&subset);
+        // `points` follows every reordering, so it finds the way back.
+        let place: std::collections::HashMap<u32, u32> = shining
+            .iter()
+            .map(|&i| (surfels.points[i as usize], i))
+            .collect();
+        let surface = Surface::new(&sorted);
+        let emission: Vec<DVec3> = sorted.emission.iter().map(|e| e.as_dvec3()).collect();
+        let mut moments = p2m(&octree, &surface, &emission);
+        m2m(&octree, &mut moments);
+        Emitters {
+            octree,
+            index: sorted.points.iter().map(|p| place[p]).collect(),
+            emission,
+            all: Surface::new(surfels),
+            moments,
+            // The expansion's error, 0.7 opening², is a small part of the tolerance.
+            opening: (0.15 * tolerance).sqrt().min(0.3),
+        }
+    }
+
+    /// The clusters that light surfel `i`.
+    fn receiver(&self, i: usize, seed: u64) -> Receiver {
+        let mut items = Vec::new();
+        let mut stack = vec![0_u32];
+        while let Some(f) = stack.pop() {
+            let facet = &self.octree.facets[f as usize];
+            let (x, n) = (self.all.positions[i], self.all.normals[i]);
+            let way = x - facet.centre.as_dvec3();
+            let distance = way.length();
+            let radius = f64::from(facet.radius);
+            // Heights of the emitters above the receiver and of the receiver above them.
+            let above = -n.dot(way);
+            let axis = facet.axis.as_dvec3();
+            let height = axis.dot(x);
+            let slack = f64::from(facet.spread) * (distance + radius);
+            if above + radius <= 0.0 || height - f64::from(facet.slab[0]) + slack <= 0.0 {
+                continue;
+            }
+            let faces = above >= radius && height - f64::from(facet.slab[1]) >= slack;
+            if faces && radius <= self.opening * distance {
+                let mut local = Local::default();
+                let scale = f64::from(facet.scale()) / distance;
+                let source = &self.moments[f as usize];
+                local.add_moments(source, way / distance, distance, scale, 0.0, 1.0);
+                items.push(Item {
+                    begin: facet.begin,
+                    end: facet.end,
+                    irradiance: local.irradiance(n, DVec3::ZERO).max(DVec3::ZERO),
+                });
+            } else if facet.is_leaf() {
+                items.extend(facet.surfels().filter_map(|e| self.single(i, e)));
+            } else {
+                stack.extend(facet.children().rev());
+            }
+        }
+        Receiver {
+            index: i,
+            unoccluded: items.iter().map(|item| item.irradiance).sum(),
+            items,
+            random: Pcg64Mcg::seed_from_u64(seed ^ (i as u64) << 20 ^ 0xe5),
+            tested: DVec3::ZERO,
+            seen: DVec3::ZERO,
+        }
+    }
+
+    fn single(&self, i: usize, e: usize) -> Option<Item> {
+        let form_factor = self.all.form_factor(i, self.index[e] as usize);
+        let irradiance = self.emission[e] * form_factor;
+        (form_factor > 0.0).then_some(Item {
+            begin: e as u32,
+            end: e as u32 + 1,
+            irradiance,
+        })
+    }
+
+    /// Draws emitters in proportion to their light, evenly through the clusters; all of them once
+    /// where there are no more than `count`.
+    fn draw(&self, r: &mut Receiver, count: usize) -> Vec<Drawn> {
+        let members: usize = r.items.iter().map(|item| (item.end - item.begin) as usize).sum();
+        let total: f64 = r.items.iter().map(|item| item.irradiance.element_sum()).sum();
+        if total <= 0.0 {
+            return Vec::new();
+        }
+        if members == r.items.len() && members <= count {
+            let all = r.items.iter().map(|item| Drawn {
+                emitter: self.index[item.begin as usize],
+                light: item.irradiance,
+            });
+            return if r.tested == DVec3::ZERO { all.collect() } else { Vec::new() };
+        }
+        let step = total / count as f64;
+        let mut next = step * r.random.random::<f64>();
+        let mut passed = 0.0;
+        let mut drawn = Vec::with_capacity(count);
+        for item in &r.items {
+            let light = item.irradiance.element_sum();
+            passed += light;
+            while next < passed && drawn.len() < count {
+                let e = r.random.random_range(item.begin..item.end) as usize;
+                drawn.push(Drawn {
+                    emitter: self.index[e],
+                    light: item.irradiance / light,
+                });
+                next += step;
+            }
+        }
+        drawn
+    }
+}

@@ -1,0 +1,13 @@
+//! Light straight from its sources, computed per surfel with tested visibility and outside the
+//! links: shadows are as sharp as the points can show them.
+
+mod emitters;
+mod points;
+mod sky;
+
+pub use emitters::emitters;
+pub use points::{Illuminated, point_lights};
+pub use sky::sky;
+
+/// Surfels whose segments are tested in one batch.
+const BATCH: usize = 1 << 14;

@@ -1,0 +1,71 @@
+//! Point lights.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::BATCH;
+use crate::error::Result;
+use crate::points::Surfels;
+use crate::progress::Progress;
+use crate::scene::PointLight;
+use crate::visibility::{NO_SURFEL, Segment, Visibility};
+
+/// Irradiance from point lights.
+pub struct Illuminated {
+    /// One entry a surfel.
+    pub irradiance: Vec<DVec3>,
+    /// Surfels that lie closer to a light than their own radius.
+    pub too_close: usize,
+}
+
+/// Irradiance I cos θ / r² from every light that a surfel sees. Inside a surfel's own disc
+/// (π r² < area) the distance is taken as the disc's radius: a light on a surface stays finite.
+pub fn point_lights(
+    surfels: &Surfels,
+    lights: &[PointLight],
+    visibility: &dyn Visibility,
+    progress: &dyn Progress,
+) -> Result<Illuminated> {
+    let mut irradiance = vec![DVec3::ZERO; surfels.len()];
+    let mut too_close = 0;
+    for light in lights {
+        progress.stage("point lights", surfels.len() as u64);
+        let place = (light.position - surfels.origin).as_vec3();
+        for (k, batch) in irradiance.chunks_mut(BATCH).enumerate() {
+            progress.check()?;
+            let first = k * BATCH;
+            // What each facing surfel would get.
+            let unoccluded: Vec<(usize, f32, bool)> = (0..batch.len())
+                .into_par_iter()
+                .filter_map(|b| {
+                    let i = first + b;
+                    let way = place - surfels.positions[i];
+                    let distance2 = way.length_squared();
+                    let least = surfels.areas[i] / std::f32::consts::PI;
+                    let height = surfels.normals[i].dot(way);
+                    let form = height / (distance2.max(least) * distance2.sqrt());
+                    (height > 0.0).then_some((b, form, distance2 < least))
+                })
+                .collect();
+            let segments: Vec<Segment> = unoccluded
+                .iter()
+                .map(|&(b, ..)| Segment {
+                    from: surfels.above(first + b).to_array(),
+                    skip_from: (first + b) as u32,
+                    to: place.to_array(),
+                    skip_to: NO_SURFEL,
+                })
+                .collect();
+            let visible = visibility.visible(&segments)?;
+            for (&(b, form, close), _) in unoccluded.iter().zip(visible).filter(|&(_, v)| v) {
+                batch[b] += light.intensity.as_dvec3() * f64::from(form);
+                too_close += usize::from(close);
+            }
+            progress.advance(batch.len() as u64);
+        }
+    }
+    Ok(Illuminated {
+        irradiance,
+        too_close,
+    })
+}

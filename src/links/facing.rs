@@ -1,0 +1,65 @@
+//! Bounds of which way two facets face.
+
+use crate::octree::Facet;
+
+/// What holds for every surfel x of a target facet and y of a source facet.
+#[derive(Clone, Copy, Debug)]
+pub struct Facing {
+    /// Distance of the centres.
+    pub distance: f32,
+    /// Least distance of an x and a y.
+    pub gap: f32,
+    /// Bounds of n_x · (y - x): the target's normals against the way to the source.
+    pub target: [f32; 2],
+    /// Bounds of n_y · (x - y).
+    pub source: [f32; 2],
+}
+
+impl Facing {
+    pub fn between(target: &Facet, source: &Facet) -> Facing {
+        let distance = target.centre.distance(source.centre);
+        let reach = target.radius + source.radius;
+        let farthest = distance + reach;
+        let apart = (target.low - source.high)
+            .max(source.low - target.high)
+            .max(glam::Vec3::ZERO)
+            .length();
+        Facing {
+            distance,
+            gap: apart.max(distance - reach),
+            target: heights(target, source, farthest),
+            source: heights(source, target, farthest),
+        }
+    }
+
+    /// No surfel of one faces any surfel of the other.
+    pub fn averted(&self) -> bool {
+        // A height that is rounding noise does not count as facing.
+        let least = 1e-6 * self.distance;
+        self.target[1] <= least || self.source[1] <= least
+    }
+
+    /// All surfels of one face all surfels of the other.
+    pub fn full(&self) -> bool {
+        self.target[0] >= 0.0 && self.source[0] >= 0.0
+    }
+
+    /// Upper bounds of the cosines at target and source.
+    pub fn cosines(&self) -> [f32; 2] {
+        let gap = self.gap.max(f32::MIN_POSITIVE);
+        [(self.target[1] / gap).min(1.0), (self.source[1] / gap).min(1.0)]
+    }
+}
+
+/// Bounds of n_a · (b - a) over all surfels a and b of two facets: the height of b's box above a's
+/// slab, widened by the spread of a's normals over the farthest distance.
+fn heights(a: &Facet, b: &Facet, farthest: f32) -> [f32; 2] {
+    if a.spread >= 1.0 {
+        return [-farthest, farthest];
+    }
+    let (low, high) = (a.axis * b.low, a.axis * b.high);
+    let least = low.min(high).element_sum() - a.slab[1];
+    let most = low.max(high).element_sum() - a.slab[0];
+    let spread = a.spread * farthest;
+    [least - spread, most + spread]
+}

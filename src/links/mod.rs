@@ -1,0 +1,35 @@
+//! Links: which facet or surfel takes light from which, and how much of it gets through.
+
+mod build;
+mod csr;
+mod facing;
+
+pub use build::{Accuracy, build};
+pub use csr::{Entry, Rows};
+pub use facing::Facing;
+
+/// The interaction lists of one operator. Every pair of surfels that see each other is in exactly
+/// one of the three.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Links {
+    /// Facet from facet by expansion; the weight is the visible fraction, 1 for smooth links.
+    pub far: Rows,
+    /// Facet from facet where only some pairs face each other: the weight is the mean of the clamped
+    /// kernel times visibility, which acts on the source's power.
+    pub sampled: Rows,
+    /// Surfel from surfel: the weight is the form factor times the visibility.
+    pub near: Rows,
+}
+
+impl Links {
+    /// Numbers of links by kind, as the stats show them.
+    pub fn counts(&self) -> [(&'static str, u64); 4] {
+        let smooth = self.far.weights.iter().filter(|&&w| w == 1.0).count();
+        [
+            ("smooth", smooth as u64),
+            ("fractional", (self.far.len() - smooth) as u64),
+            ("sampled", self.sampled.len() as u64),
+            ("near", self.near.len() as u64),
+        ]
+    }
+}

@@ -1,0 +1,55 @@
+//! The octree of facets: cells of space, split by normal as well.
+
+mod build;
+mod facet;
+
+pub use facet::Facet;
+
+use crate::points::Surfels;
+
+/// A Morton-ordered adaptive octree whose cells hold surfels of similar normal.
+///
+/// The root splits by normal until every part lies within a cone of [`MAX_HALF_ANGLE`]; each part
+/// then has an octree of its own over the common cube. So every facet has exactly one parent, and
+/// a link between two facets knows whether they face each other. Levels follow one another in
+/// `facets`, children of a facet lie side by side.
+#[derive(Clone, Debug)]
+pub struct Octree {
+    /// The root first, then level by level.
+    pub facets: Vec<Facet>,
+    /// First facet of each level, and the number of facets at the end.
+    pub levels: Vec<u32>,
+}
+
+/// Largest half-angle, in radians, of the cone of a facet's normals below the orientation splits.
+///
+/// 45-degree cones leave 2 to 12% of the links neither facing nor averted; 30-degree cones cost
+/// up to 1.7 times the pairs for little gain.
+pub const MAX_HALF_ANGLE: f64 = 0.7;
+
+/// At most so many surfels a leaf.
+pub const LEAF_SIZE: usize = 8;
+
+impl Octree {
+    /// Builds the octree; returns it with the surfels in its order, in which each facet's surfels
+    /// lie side by side.
+    pub fn build(surfels: &Surfels) -> (Octree, Surfels) {
+        let order = build::Builder::new(surfels).run();
+        let sorted = surfels.reordered(&order.surfels);
+        let octree = Octree {
+            facets: order.facets,
+            levels: order.levels,
+        };
+        (octree, sorted)
+    }
+
+    /// Facets of one level.
+    pub fn level(&self, level: usize) -> std::ops::Range<usize> {
+        self.levels[level] as usize..self.levels[level + 1] as usize
+    }
+
+    /// Number of levels.
+    pub fn depth(&self) -> usize {
+        self.levels.len() - 1
+    }
+}

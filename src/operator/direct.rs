@@ -1,0 +1,138 @@
+//! The operator by exact sums over all pairs, in f64: the truth for everything else.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::expansion::Surface;
+use crate::operator::{HostFields, TransportOperator};
+use crate::points::Surfels;
+use crate::progress::Progress;
+use crate::visibility::{Segment, Visibility};
+
+/// Exact pair sums; who sees whom is kept as one bit a pair.
+pub struct Direct {
+    surface: Surface<f64>,
+    /// Bit j % 64 of word `i * words + j / 64`: surfel i sees surfel j.
+    visible: Vec<u64>,
+    words: usize,
+    fields: HostFields<f64>,
+}
+
+/// Largest memory for the visibility bits: 185,000 surfels.
+const MAX_BYTES: usize = 4 << 30;
+
+impl Direct {
+    /// Tests every pair that could exchange light; the visibility of a pair is that of the segment
+    /// from the lower index to the higher.
+    pub fn new(
+        surfels: &Surfels,
+        visibility: &dyn Visibility,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let n = surfels.len();
+        let words = n.div_ceil(64);
+        if n * words * 8 > MAX_BYTES {
+            return Err(Error::TooLarge(format!(
+                "--method direct keeps one bit for each of the {n}² pairs, more than {} GiB: use \
+                 --method fmm",
+                MAX_BYTES >> 30
+            )));
+        }
+        let surface = Surface::<f64>::new(surfels);
+        let mut visible = vec![0u64; n * words];
+        progress.stage("visibility", n as u64);
+        for block in blocks(n) {
+            progress.check()?;
+            let partners: Vec<Vec<u32>> = block
+                .clone()
+                .into_par_iter()
+                .map(|i| {
+                    let sees = |&j: &usize| {
+                        surface.form_factor(i, j) > 0.0 || surface.form_factor(j, i) > 0.0
+                    };
+                    (i + 1..n).filter(sees).map(|j| j as u32).collect()
+                })
+                .collect();
+            let tested: Vec<Segment> = block
+                .clone()
+                .zip(&partners)
+                .flat_map(|(i, p)| p.iter().map(move |&j| surfels.segment(i, j as usize)))
+                .collect();
+            let mut answers = visibility.visible(&tested)?.into_iter();
+            for (i, partners) in block.clone().zip(&partners) {
+                for (&j, _) in partners.iter().zip(answers.by_ref()).filter(|&(_, v)| v) {
+                    let j = j as usize;
+                    visible[i * words + j / 64] |= 1 << (j % 64);
+                    visible[j * words + i / 64] |= 1 << (i % 64);
+                }
+            }
+            progress.advance(block.len() as u64);
+        }
+        Ok(Direct {
+            surface,
+            visible,
+            words,
+            fields: HostFields::default(),
+        })
+    }
+
+    fn sees(&self, i: usize, j: usize) -> bool {
+        self.visible[i * self.words + j / 64] >> (j % 64) & 1 == 1
+    }
+}
+
+impl TransportOperator for Direct {
+    type Fields = HostFields<f64>;
+
+    fn fields(&self) -> &HostFields<f64> {
+        &self.fields
+    }
+
+    fn apply(&self, radiosity: &Vec<DVec3>) -> Result<Vec<DVec3>> {
+        let n = radiosity.len();
+        let gather = |i: usize| -> DVec3 {
+            (0..n)
+                .filter(|&j| self.sees(i, j))
+                .map(|j| radiosity[j] * self.surface.form_factor(i, j))
+                .sum()
+        };
+        Ok((0..n).into_par_iter().map(gather).collect())
+    }
+}
+
+/// Exact irradiance at some surfels: the row of the operator times a radiosity, and times 1 (the
+/// row sum). What the error of any other way is measured against.
+pub fn exact_irradiance(
+    surfels: &Surfels,
+    visibility: &dyn Visibility,
+    receivers: &[usize],
+    radiosity: &[DVec3],
+) -> Result<Vec<(DVec3, f64)>> {
+    let surface = Surface::<f64>::new(surfels);
+    receivers
+        .iter()
+        .map(|&i| {
+            let partners: Vec<(usize, f64)> = (0..surfels.len())
+                .into_par_iter()
+                .map(|j| (j, surface.form_factor(i, j)))
+                .filter(|&(_, f)| f > 0.0)
+                .collect();
+            let segments: Vec<Segment> = partners
+                .iter()
+                .map(|&(j, _)| surfels.segment(i.min(j), i.max(j)))
+                .collect();
+            let visible = visibility.visible(&segments)?;
+            let seen = partners.iter().zip(visible).filter(|&(_, v)| v);
+            Ok(seen.fold((DVec3::ZERO, 0.0), |(h, sum), (&(j, f), _)| {
+                (h + radiosity[j] * f, sum + f)
+            }))
+        })
+        .collect()
+}
+
+/// Receivers in blocks whose segments fit into memory together.
+fn blocks(n: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
+    let size = ((1 << 22) / n.max(1)).clamp(1, 256);
+    (0..n).step_by(size).map(move |i| i..(i + size).min(n))
+}

@@ -1,0 +1,78 @@
+//! Fields: one RGB value a surfel, on the backend of the operator that they belong to.
+
+use std::marker::PhantomData;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::error::Result;
+use crate::math::{Real, Vector};
+
+/// Arithmetic on fields. A solver needs no more than this.
+pub trait Fields {
+    type Field;
+
+    fn upload(&self, values: &[DVec3]) -> Result<Self::Field>;
+    fn download(&self, field: &Self::Field) -> Result<Vec<DVec3>>;
+    fn copy(&self, field: &Self::Field) -> Result<Self::Field>;
+    /// y += a x
+    fn axpy(&self, a: f64, x: &Self::Field, y: &mut Self::Field) -> Result<()>;
+    /// x *= a
+    fn scale(&self, a: f64, x: &mut Self::Field) -> Result<()>;
+    /// x *= factor, surfel by surfel and channel by channel
+    fn multiply(&self, factor: &Self::Field, x: &mut Self::Field) -> Result<()>;
+    /// Σ x · y over surfels and channels
+    fn dot(&self, x: &Self::Field, y: &Self::Field) -> Result<f64>;
+}
+
+/// Fields in main memory.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct HostFields<T>(PhantomData<T>);
+
+/// Sums are taken over blocks of fixed length, so that they do not depend on the number of
+/// threads.
+const BLOCK: usize = 4096;
+
+impl<T: Real> Fields for HostFields<T> {
+    type Field = Vec<T::Vec3>;
+
+    fn upload(&self, values: &[DVec3]) -> Result<Self::Field> {
+        let narrow = |v: &DVec3| T::Vec3::new(T::from_f64(v.x), T::from_f64(v.y), T::from_f64(v.z));
+        Ok(values.iter().map(narrow).collect())
+    }
+
+    fn download(&self, field: &Self::Field) -> Result<Vec<DVec3>> {
+        let wide = |v: &T::Vec3| DVec3::from_array(v.to_array().map(T::to_f64));
+        Ok(field.iter().map(wide).collect())
+    }
+
+    fn copy(&self, field: &Self::Field) -> Result<Self::Field> {
+        Ok(field.clone())
+    }
+
+    fn axpy(&self, a: f64, x: &Self::Field, y: &mut Self::Field) -> Result<()> {
+        let a = T::from_f64(a);
+        y.par_iter_mut().zip(x).for_each(|(y, &x)| *y += x * a);
+        Ok(())
+    }
+
+    fn scale(&self, a: f64, x: &mut Self::Field) -> Result<()> {
+        let a = T::from_f64(a);
+        x.par_iter_mut().for_each(|x| *x = *x * a);
+        Ok(())
+    }
+
+    fn multiply(&self, factor: &Self::Field, x: &mut Self::Field) -> Result<()> {
+        x.par_iter_mut().zip(factor).for_each(|(x, &f)| *x = *x * f);
+        Ok(())
+    }
+
+    fn dot(&self, x: &Self::Field, y: &Self::Field) -> Result<f64> {
+        let blocks: Vec<f64> = x
+            .par_chunks(BLOCK)
+            .zip(y.par_chunks(BLOCK))
+            .map(|(x, y)| x.iter().zip(y).map(|(a, b)| a.dot(*b).to_f64()).sum())
+            .collect();
+        Ok(blocks.iter().sum())
+    }
+}

@@ -1,0 +1,45 @@
+//! How many segments were tested, and how long that took.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+use super::{Segment, Visibility};
+use crate::error::Result;
+
+/// Passes segments on and counts.
+pub struct Counted<'a> {
+    inner: &'a dyn Visibility,
+    segments: AtomicU64,
+    nanoseconds: AtomicU64,
+}
+
+impl<'a> Counted<'a> {
+    pub fn new(inner: &'a dyn Visibility) -> Self {
+        Counted {
+            inner,
+            segments: AtomicU64::new(0),
+            nanoseconds: AtomicU64::new(0),
+        }
+    }
+
+    /// Segments tested so far.
+    pub fn segments(&self) -> u64 {
+        self.segments.load(Ordering::Relaxed)
+    }
+
+    /// Seconds spent testing them.
+    pub fn seconds(&self) -> f64 {
+        self.nanoseconds.load(Ordering::Relaxed) as f64 * 1e-9
+    }
+}
+
+impl Visibility for Counted<'_> {
+    fn visible(&self, segments: &[Segment]) -> Result<Vec<bool>> {
+        let start = Instant::now();
+        let answers = self.inner.visible(segments);
+        self.segments.fetch_add(segments.len() as u64, Ordering::Relaxed);
+        self.nanoseconds
+            .fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
+        answers
+    }
+}
