@@ -19,7 +19,7 @@ pub struct Stop {
 }
 
 /// Where the solver ended.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Ended {
     /// Applications of the operator.
     pub iterations: u32,

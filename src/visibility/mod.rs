@@ -1,10 +1,19 @@
 //! Who sees whom: segments tested against the cells of the surfels.
 
+mod bvh;
 mod counted;
+mod segment;
 
-pub use counted::Counted;
+use std::marker::PhantomData;
+
+use rayon::prelude::*;
 
 use crate::error::Result;
+use crate::math::Real;
+
+pub use bvh::{Node, Occluder, Occluders};
+pub use counted::Counted;
+pub use segment::{blocked, meets_cell};
 
 /// Stands for "no surfel" in [`Segment`]'s skip fields.
 pub const NO_SURFEL: u32 = u32::MAX;
@@ -25,4 +34,38 @@ pub struct Segment {
 pub trait Visibility: Sync {
     /// One entry a segment: true where no cell (other than the two excluded) is met.
     fn visible(&self, segments: &[Segment]) -> Result<Vec<bool>>;
+}
+
+/// Tests on all threads of the current rayon pool, in `T`: f64 is the reference, f32 the product.
+pub struct CpuVisibility<'a, T> {
+    occluders: &'a Occluders,
+    real: PhantomData<T>,
+}
+
+impl<'a, T: Real> CpuVisibility<'a, T> {
+    pub fn new(occluders: &'a Occluders) -> Self {
+        CpuVisibility {
+            occluders,
+            real: PhantomData,
+        }
+    }
+}
+
+impl<T: Real> Visibility for CpuVisibility<'_, T> {
+    fn visible(&self, segments: &[Segment]) -> Result<Vec<bool>> {
+        Ok(segments
+            .par_iter()
+            .with_min_len(64)
+            .map(|segment| !blocked::<T>(self.occluders, segment))
+            .collect())
+    }
+}
+
+/// Everybody sees everybody.
+pub struct NothingInTheWay;
+
+impl Visibility for NothingInTheWay {
+    fn visible(&self, segments: &[Segment]) -> Result<Vec<bool>> {
+        Ok(vec![true; segments.len()])
+    }
 }

@@ -1,0 +1,4 @@
+// Number of this invocation in a dispatch of rows of workgroups.
+fn invocation(local: u32, group: vec3<u32>, groups: vec3<u32>) -> u32 {
+    return (group.y * groups.x + group.x) * WORKGROUP + local;
+}

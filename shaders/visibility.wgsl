@@ -1,0 +1,128 @@
+// Segments against the cells: the twin of src/visibility/segment.rs.
+// Tables: nodes (2 texels each), occluders (7 texels each).
+
+struct Segment {
+    start: vec3<f32>,
+    skip_from: u32,
+    end: vec3<f32>,
+    skip_to: u32,
+}
+
+struct Node {
+    min: vec3<f32>,
+    skip: u32,
+    max: vec3<f32>,
+    leaf: u32,
+}
+
+struct Occluder {
+    position: vec3<f32>,
+    surfel: u32,
+    normal: vec3<f32>,
+    radius_squared: f32,
+    tangent: vec3<f32>,
+    padding: f32,
+    corners: array<vec4<f32>, 4>,
+}
+
+const NODE_TEXELS = 2u;
+const OCCLUDER_TEXELS = 7u;
+const COUNT_BITS = 3u;
+const SMALLEST = 1e-20;
+const ROUNDING = 1.0 + 4.0 * 1.1920929e-7;
+
+// Answers; 0 is what an output holds that no invocation has written.
+const BLOCKED = 1u;
+const VISIBLE = 2u;
+
+@group(0) @binding(2) var<storage, read> segments: array<Segment>;
+@group(0) @binding(3) var<storage, read_write> answers: array<u32>;
+
+fn reals(words: vec4<u32>) -> vec4<f32> {
+    return bitcast<vec4<f32>>(words);
+}
+
+fn inverse_of(v: vec3<f32>) -> vec3<f32> {
+    let smallest = select(vec3(SMALLEST), vec3(-SMALLEST), v < vec3(0.0));
+    return 1.0 / select(smallest, v, abs(v) >= vec3(SMALLEST));
+}
+
+fn meets_box(low: vec3<f32>, high: vec3<f32>, start: vec3<f32>, inverse: vec3<f32>) -> bool {
+    let a = (low - start) * inverse;
+    let b = (high - start) * inverse;
+    let enter = min(a, b);
+    let leave = max(a, b);
+    let near = max(max(0.0, enter.x), max(enter.y, enter.z));
+    let far = min(min(1.0, leave.x), min(leave.y, leave.z));
+    return near <= far * ROUNDING;
+}
+
+// True where (x, y) lies to the left of the edge from c to d, or on it.
+fn left_of(c: vec2<f32>, d: vec2<f32>, x: f32, y: f32) -> bool {
+    return (d.x - c.x) * (y - c.y) - (d.y - c.y) * (x - c.x) >= 0.0;
+}
+
+fn meets_cell(at: u32, segment: Segment) -> bool {
+    let first = occluders(at);
+    let second = reals(occluders(at + 1u));
+    let position = reals(first).xyz;
+    let normal = second.xyz;
+    let p = segment.start - position;
+    let q = segment.end - position;
+    let a = dot(p, normal);
+    let b = dot(q, normal);
+    if !((a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0)) {
+        return false;
+    }
+    let hit = (p * b - q * a) * (1.0 / (b - a));
+    if dot(hit, hit) > second.w || first.w == segment.skip_from || first.w == segment.skip_to {
+        return false;
+    }
+    let tangent = reals(occluders(at + 2u)).xyz;
+    let x = dot(hit, tangent);
+    let y = dot(hit, cross(normal, tangent));
+    let c01 = reals(occluders(at + 3u));
+    let c23 = reals(occluders(at + 4u));
+    let c45 = reals(occluders(at + 5u));
+    let c67 = reals(occluders(at + 6u));
+    return left_of(c01.xy, c01.zw, x, y) && left_of(c01.zw, c23.xy, x, y)
+        && left_of(c23.xy, c23.zw, x, y) && left_of(c23.zw, c45.xy, x, y)
+        && left_of(c45.xy, c45.zw, x, y) && left_of(c45.zw, c67.xy, x, y)
+        && left_of(c67.xy, c67.zw, x, y) && left_of(c67.zw, c01.xy, x, y);
+}
+
+fn blocked(segment: Segment) -> bool {
+    let inverse = inverse_of(segment.end - segment.start);
+    let end = nodes(0u).w;
+    var i = 0u;
+    while i < end {
+        let low = nodes(i * NODE_TEXELS);
+        let high = nodes(i * NODE_TEXELS + 1u);
+        if !meets_box(reals(low).xyz, reals(high).xyz, segment.start, inverse) {
+            i += low.w;
+            continue;
+        }
+        i += 1u;
+        let count = high.w & ((1u << COUNT_BITS) - 1u);
+        let first = high.w >> COUNT_BITS;
+        for (var k = first; k < first + count; k++) {
+            if meets_cell(k * OCCLUDER_TEXELS, segment) {
+                return true;
+            }
+        }
+    }
+    return false;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(
+    @builtin(local_invocation_index) local: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+) {
+    let i = invocation(local, group, groups);
+    if i >= arrayLength(&segments) {
+        return;
+    }
+    answers[i] = select(VISIBLE, BLOCKED, blocked(segments[i]));
+}

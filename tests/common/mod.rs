@@ -1,0 +1,111 @@
+//! Clouds made by hand, and a device to test on.
+#![allow(dead_code)]
+
+use fmmgi_gpu::Surfels;
+use fmmgi_gpu::points::{Cells, MAX_EDGES};
+use glam::{Vec2, Vec3};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+pub fn random(seed: u64) -> Pcg64Mcg {
+    Pcg64Mcg::seed_from_u64(seed)
+}
+
+/// Uniform in the box from -1 to 1.
+pub fn in_box(rng: &mut impl Rng) -> Vec3 {
+    Vec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
+}
+
+pub fn direction(rng: &mut impl Rng) -> Vec3 {
+    loop {
+        let v = in_box(rng);
+        let length = v.length();
+        if length > 0.1 && length < 1.0 {
+            return v / length;
+        }
+    }
+}
+
+/// Surfels with regular cells of `edges` corners at distance `radius`.
+pub fn polygons(places: &[(Vec3, Vec3)], edges: usize, radius: f32) -> Surfels {
+    let n = places.len();
+    let corner = |k: usize| {
+        let angle = std::f32::consts::TAU * (k.min(edges - 1) as f32 + 0.5) / edges as f32;
+        radius * Vec2::from_angle(angle)
+    };
+    let corners: [Vec2; MAX_EDGES] = std::array::from_fn(corner);
+    let area = 0.5 * edges as f32 * radius * radius * (std::f32::consts::TAU / edges as f32).sin();
+    Surfels {
+        positions: places.iter().map(|p| p.0).collect(),
+        normals: places.iter().map(|p| p.1).collect(),
+        areas: vec![area; n],
+        reflectance: vec![Vec3::splat(0.5); n],
+        emission: vec![Vec3::ZERO; n],
+        cells: Cells {
+            tangents: places.iter().map(|p| tangent(p.1)).collect(),
+            corners: vec![corners; n],
+        },
+        offsets: vec![0.1 * radius; n],
+        occluder_scale: 1.0,
+        points: (0..n as u32).collect(),
+        ..Surfels::default()
+    }
+}
+
+/// A unit vector orthogonal to `normal`; along an axis where `normal` is.
+fn tangent(normal: Vec3) -> Vec3 {
+    let n = normal.abs();
+    let axis = match n.min_position() {
+        0 => Vec3::X,
+        1 => Vec3::Y,
+        _ => Vec3::Z,
+    };
+    normal.cross(axis).normalize()
+}
+
+/// The box from -1 to 1, seen from inside, each wall in `k` by `k` squares.
+pub fn room(k: usize) -> Surfels {
+    let side = 2.0 / k as f32;
+    let at = |i: usize| (i as f32 + 0.5) * side - 1.0;
+    let mut places = Vec::new();
+    for axis in 0..3 {
+        for sign in [-1.0, 1.0] {
+            for i in 0..k * k {
+                let mut position = Vec3::splat(sign);
+                position[(axis + 1) % 3] = at(i / k);
+                position[(axis + 2) % 3] = at(i % k);
+                let mut normal = Vec3::ZERO;
+                normal[axis] = -sign;
+                places.push((position, normal));
+            }
+        }
+    }
+    polygons(&places, 4, side * std::f32::consts::FRAC_1_SQRT_2)
+}
+
+/// The unit sphere in `n` overlapping hexagons (Fibonacci points).
+pub fn sphere(n: usize) -> Surfels {
+    let golden = std::f32::consts::PI * (5f32.sqrt() - 1.0);
+    let places: Vec<_> = (0..n)
+        .map(|i| {
+            let z = 1.0 - (2 * i + 1) as f32 / n as f32;
+            let p = (1.0 - z * z).sqrt() * Vec2::from_angle(golden * i as f32);
+            (p.extend(z), -p.extend(z))
+        })
+        .collect();
+    polygons(&places, 6, (4.0 / n as f32).sqrt() * 1.5)
+}
+
+/// Cells anywhere in the box from -1 to 1, of any direction, of 3 to 8 corners.
+pub fn clutter(n: usize, radius: f32, seed: u64) -> Surfels {
+    let mut rng = random(seed);
+    let places: Vec<_> = (0..n)
+        .map(|_| (in_box(&mut rng), direction(&mut rng)))
+        .collect();
+    let mut all = polygons(&places, 3, radius);
+    for i in 0..n {
+        let one = polygons(&places[i..=i], rng.random_range(3..=MAX_EDGES), radius);
+        all.cells.corners[i] = one.cells.corners[0];
+    }
+    all
+}
