@@ -434,12 +434,7 @@ impl Task<'_> {
         }
     }
 
-    fn work<'w>(
-        &'w self,
-        lights: &'w [DVec3],
-        start: Option<&'w [DVec3]>,
-        stop: Stop,
-    ) -> Work<'w> {
+    fn work<'w>(&'w self, lights: &'w [DVec3], start: Option<&'w [DVec3]>, stop: Stop) -> Work<'w> {
         Work {
             surfels: self.surfels,
             lights,
@@ -458,9 +453,9 @@ impl Task<'_> {
 
 /// Allowed error of a link in units of the tolerance and the mean irradiance. Errors of many links
 /// add up; the ratio is measured: links allowed 0.01 give a relative error of 0.014 to 0.028.
-const ERROR_A_LINK: f64 = 1.0 / 3.0;
+const ERROR_A_LINK: f64 = 1.0;
 /// The same for the first, rough links.
-const ROUGH_ERROR: f64 = 0.1;
+const ROUGH_ERROR: f64 = 0.3;
 /// Residual to which the rough links are solved.
 const ROUGH_RESIDUAL: f64 = 0.03;
 /// Bounds of the factor on a link's error from the light at its target.
@@ -474,8 +469,12 @@ impl Work<'_> {
         progress: &dyn Progress,
     ) -> Result<Bounced> {
         let fields = operator.fields();
-        let reflectance: Vec<DVec3> =
-            self.surfels.reflectance.iter().map(|r| r.as_dvec3()).collect();
+        let reflectance: Vec<DVec3> = self
+            .surfels
+            .reflectance
+            .iter()
+            .map(|r| r.as_dvec3())
+            .collect();
         let source: Vec<DVec3> = self
             .lights
             .iter()
@@ -502,10 +501,8 @@ impl Work<'_> {
                 "the solution is not finite: are areas or emissions of extreme size?".into(),
             ));
         }
-        let row_sums = fields.download(&operator.apply(&fields.upload(&vec![
-            DVec3::ONE;
-            self.surfels.len()
-        ])?)?)?;
+        let row_sums = fields
+            .download(&operator.apply(&fields.upload(&vec![DVec3::ONE; self.surfels.len()])?)?)?;
         Ok(Bounced {
             reflected: irradiance
                 .iter()

@@ -3,9 +3,9 @@
 pub mod error;
 pub mod expansion;
 pub mod illuminate;
-pub mod map;
 pub mod lights;
 pub mod links;
+pub mod map;
 pub mod math;
 pub mod octree;
 pub mod operator;

@@ -58,7 +58,15 @@ pub fn solve<O: TransportOperator>(
                 Some(field) => field,
                 None => fields.copy(source)?,
             };
-            gmres(operator, reflectance, source, norm, start, stop.residual, progress)
+            gmres(
+                operator,
+                reflectance,
+                source,
+                norm,
+                start,
+                stop.residual,
+                progress,
+            )
         }
     }
 }
@@ -175,7 +183,9 @@ fn gmres<O: TransportOperator>(
     }
     let mut weights = vec![0.0; columns.len()];
     for k in (0..columns.len()).rev() {
-        let known: f64 = (k + 1..columns.len()).map(|j| columns[j][k] * weights[j]).sum();
+        let known: f64 = (k + 1..columns.len())
+            .map(|j| columns[j][k] * weights[j])
+            .sum();
         weights[k] = (rhs[k] - known) / columns[k][k];
     }
     for (weight, v) in weights.iter().zip(&basis) {

@@ -38,13 +38,20 @@ impl<T: Real> Surface<T> {
             let normal = T::Vec3::from_f32(surfels.normals[i]);
             let tangent = T::Vec3::from_f32(surfels.cells.tangents[i]);
             let bitangent = normal.cross(tangent);
-            surfels.cells.corners[i].map(|c| {
-                tangent * T::from_f32(c.x) + bitangent * T::from_f32(c.y)
-            })
+            surfels.cells.corners[i]
+                .map(|c| tangent * T::from_f32(c.x) + bitangent * T::from_f32(c.y))
         };
         Surface {
-            positions: surfels.positions.iter().map(|&p| T::Vec3::from_f32(p)).collect(),
-            normals: surfels.normals.iter().map(|&n| T::Vec3::from_f32(n)).collect(),
+            positions: surfels
+                .positions
+                .iter()
+                .map(|&p| T::Vec3::from_f32(p))
+                .collect(),
+            normals: surfels
+                .normals
+                .iter()
+                .map(|&n| T::Vec3::from_f32(n))
+                .collect(),
             areas: surfels.areas.iter().map(|&a| T::from_f32(a)).collect(),
             corners: (0..surfels.len()).map(corners).collect(),
         }

@@ -72,10 +72,7 @@ impl<T: Real> Local<T> {
     ) {
         let u = direction.to_array();
         let strength = -fraction / (T::PI * distance * distance);
-        let (four, twenty_four) = (
-            T::from_f64(4.0),
-            T::from_f64(24.0),
-        );
+        let (four, twenty_four) = (T::from_f64(4.0), T::from_f64(24.0));
         let q = &source.charge;
         let m = &source.dipole;
         let contract = |v: &[T::Vec3; 3]| v[0] * u[0] + v[1] * u[1] + v[2] * u[2];
@@ -86,7 +83,8 @@ impl<T: Real> Local<T> {
             std::array::from_fn(|j| m[0][j] * u[0] + m[1][j] * u[1] + m[2][j] * u[2]);
         let umu = contract(&mu);
         // Derivative of the zeroth term along l and, contracted with M, the first-order field.
-        let first: [T::Vec3; 3] = std::array::from_fn(|i| um[i] + trace * u[i] - umu * (four * u[i]));
+        let first: [T::Vec3; 3] =
+            std::array::from_fn(|i| um[i] + trace * u[i] - umu * (four * u[i]));
         for i in 0..3 {
             self.field[i] += (uq * u[i] - first[i] * source_scale) * strength;
             for l in 0..3 {
@@ -96,8 +94,7 @@ impl<T: Real> Local<T> {
                 let second = m[l][i] + trace * (delta - four * ul)
                     - (um[i] * u[l] + um[l] * u[i] + mu[l] * u[i]) * four
                     - umu * (four * delta - twenty_four * ul);
-                self.gradient[i][l] +=
-                    (zeroth - second * source_scale) * (strength * target_scale);
+                self.gradient[i][l] += (zeroth - second * source_scale) * (strength * target_scale);
             }
         }
     }

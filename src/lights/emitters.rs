@@ -219,8 +219,16 @@ impl Emitters {
     /// Draws emitters in proportion to their light, evenly through the clusters; all of them once
     /// where there are no more than `count`.
     fn draw(&self, r: &mut Receiver, count: usize) -> Vec<Drawn> {
-        let members: usize = r.items.iter().map(|item| (item.end - item.begin) as usize).sum();
-        let total: f64 = r.items.iter().map(|item| item.irradiance.element_sum()).sum();
+        let members: usize = r
+            .items
+            .iter()
+            .map(|item| (item.end - item.begin) as usize)
+            .sum();
+        let total: f64 = r
+            .items
+            .iter()
+            .map(|item| item.irradiance.element_sum())
+            .sum();
         if total <= 0.0 {
             return Vec::new();
         }
@@ -229,7 +237,11 @@ impl Emitters {
                 emitter: self.index[item.begin as usize],
                 light: item.irradiance,
             });
-            return if r.tested == DVec3::ZERO { all.collect() } else { Vec::new() };
+            return if r.tested == DVec3::ZERO {
+                all.collect()
+            } else {
+                Vec::new()
+            };
         }
         let step = total / count as f64;
         let mut next = step * r.random.random::<f64>();

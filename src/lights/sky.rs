@@ -25,7 +25,11 @@ pub fn sky(
 ) -> Result<Vec<DVec3>> {
     let strata = tolerance.powf(-2.0 / 3.0).ceil().clamp(4.0, 64.0) as usize;
     let directions = strata * strata;
-    let reach = 2.0 * surfels.positions.iter().fold(0.0_f32, |r, p| r.max(p.length()));
+    let reach = 2.0
+        * surfels
+            .positions
+            .iter()
+            .fold(0.0_f32, |r, p| r.max(p.length()));
     let batch = (BATCH * 32 / directions).max(1);
     let mut irradiance = Vec::with_capacity(surfels.len());
     progress.stage("sky", surfels.len() as u64);

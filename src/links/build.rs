@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::{Entry, Facing, Links, Rows};
 use crate::error::{Error, Result};
-use crate::expansion::Surface;
+use crate::expansion::{NEAR_SPACINGS, Surface};
 use crate::octree::{Facet, Octree};
 use crate::points::Surfels;
 use crate::progress::Progress;
@@ -42,6 +42,8 @@ const NEGLIGIBLE: f32 = 0.5;
 const MAX_DEVIATION: f32 = 0.3;
 /// Segments a link: at least, and at most.
 const SAMPLES: [f32; 2] = [4.0, 32.0];
+/// Segments of a link that brings too little to matter.
+const NEGLIGIBLE_SAMPLES: usize = 2;
 /// Pairs of facets judged in one batch.
 const BATCH: usize = 1 << 15;
 
@@ -123,8 +125,12 @@ struct Candidate {
     samples: Vec<Sample>,
     /// The samples are all pairs of surfels.
     exhaustive: bool,
+    /// Too little light to matter: accepted whatever the samples say.
+    negligible: bool,
     /// Samples drawn, with those that do not face each other.
     drawn: usize,
+    /// Upper bound of the form factor from a surfel of the target to the whole source.
+    form_factor: f32,
     /// Largest irradiance that the source can cause at the target.
     bound: f32,
     allowed: f32,
@@ -169,15 +175,13 @@ impl Traversal<'_> {
             })
             .collect();
 
-        // Accepted links are measured afresh, except where all pairs were tested.
+        // Links that their samples selected are measured afresh.
         let fresh: Vec<Vec<Sample>> = verdicts
             .par_iter()
             .zip(&outcomes)
             .zip(batch)
             .map(|((verdict, outcome), &pair)| match (verdict, outcome) {
-                (Verdict::Candidate(c), Outcome::Far(_) | Outcome::Sampled(_))
-                    if !c.exhaustive =>
-                {
+                (Verdict::Candidate(c), Outcome::Far(_) | Outcome::Sampled(_)) if c.selected() => {
                     self.draw(pair, c.drawn, 1)
                 }
                 _ => Vec::new(),
@@ -201,8 +205,8 @@ impl Traversal<'_> {
                     self.split(pair, next);
                 }
                 (Verdict::Candidate(c), mut outcome) => {
-                    if !c.exhaustive {
-                        outcome = self.measure(pair, c.drawn, outcome, &fresh[k], &fresh_visible[k]);
+                    if c.selected() {
+                        outcome = self.measure(pair, &c, outcome, &fresh[k], &fresh_visible[k]);
                     }
                     let entry = |weight| Entry {
                         target: pair.target,
@@ -233,27 +237,36 @@ impl Traversal<'_> {
         let allowed = self.accuracy.error * self.accuracy.target_factor[pair.target as usize];
         let [cos_a, cos_b] = facing.cosines();
         let solid_angle = b.area * cos_b / (facing.gap * facing.gap).max(f32::MIN_POSITIVE);
-        let bound = radiosity * cos_a * (solid_angle / std::f32::consts::PI).min(1.0);
+        let form_factor = cos_a * (solid_angle / std::f32::consts::PI).min(1.0);
+        let bound = radiosity * form_factor;
         let opening = (a.radius + b.radius) / facing.distance.max(f32::MIN_POSITIVE);
         let apart = opening < MAX_OPENING;
-        let expandable = apart && TRUNCATION * opening * opening * bound <= allowed;
+        // Expansions know points only: the near range is for the shapes of the cells.
+        let far = facing.gap >= NEAR_SPACINGS as f32 * a.spacing.max(b.spacing);
+        let expandable = apart && far && TRUNCATION * opening * opening * bound <= allowed;
         let uniform = apart && bound * opening.max(0.3) <= allowed;
         let negligible = bound <= NEGLIGIBLE * allowed;
 
         if negligible || expandable || (uniform && !facing.full()) {
             let pairs = a.len() * b.len();
-            let wanted = (0.5 * bound / allowed).ceil().clamp(SAMPLES[0], SAMPLES[1]) as usize;
+            let wanted = if negligible {
+                NEGLIGIBLE_SAMPLES
+            } else {
+                (0.5 * bound / allowed).ceil().clamp(SAMPLES[0], SAMPLES[1]) as usize
+            };
             let exhaustive = pairs <= wanted;
             let drawn = wanted.min(pairs);
             let samples = if exhaustive {
-                self.all_pairs(pair, |i, j| self.surface.point_form_factor(i, j))
+                self.all_pairs(pair, |i, j| self.surface.form_factor(i, j))
             } else {
                 self.draw(pair, drawn, 0)
             };
             let all_face = facing.full() || samples.len() == drawn;
             return Verdict::Candidate(Candidate {
                 exhaustive,
+                negligible,
                 drawn,
+                form_factor,
                 bound,
                 allowed,
                 smooth: expandable && all_face,
@@ -269,14 +282,13 @@ impl Traversal<'_> {
 
     /// What the tested samples say of a candidate.
     fn decide(&self, pair: Pair, c: &Candidate, visible: &[bool]) -> Outcome {
-        let negligible = c.bound <= NEGLIGIBLE * c.allowed;
-        if c.samples.is_empty() && (negligible || c.exhaustive) {
+        if c.samples.is_empty() && (c.negligible || c.exhaustive) {
             return Outcome::Drop;
         }
         if c.smooth {
             let fraction = visible_fraction(&c.samples, visible);
             let deviation = (fraction * (1.0 - fraction)).sqrt();
-            if negligible || c.bound * deviation <= MAX_DEVIATION * c.allowed {
+            if c.negligible || c.bound * deviation <= MAX_DEVIATION * c.allowed {
                 return Outcome::Far(fraction);
             }
         } else if c.uniform {
@@ -285,14 +297,16 @@ impl Traversal<'_> {
                 .iter()
                 .zip(visible)
                 .filter(|&(_, &v)| v)
-                .fold((0.0, 0.0), |(m, q), (s, _)| (m + s.weight, q + s.weight * s.weight));
+                .fold((0.0, 0.0), |(m, q), (s, _)| {
+                    (m + s.weight, q + s.weight * s.weight)
+                });
             let (mean, square) = (mean / c.drawn as f32, square / c.drawn as f32);
             // One sample stands for as many times its own power as the facet has surfels.
             let source = &self.octree.facets[pair.source as usize];
             let power = source.len() as f32 * self.accuracy.radiosity[pair.source as usize];
             let deviation = (square - mean * mean).max(0.0).sqrt() * power;
-            if negligible || deviation <= MAX_DEVIATION * c.allowed {
-                return Outcome::Sampled(mean / source.mean_area());
+            if c.negligible || deviation <= MAX_DEVIATION * c.allowed {
+                return Outcome::Sampled(self.kernel(pair, c, mean));
             }
         }
         Outcome::Reject
@@ -302,7 +316,7 @@ impl Traversal<'_> {
     fn measure(
         &self,
         pair: Pair,
-        drawn: usize,
+        c: &Candidate,
         accepted: Outcome,
         samples: &[Sample],
         visible: &[bool],
@@ -312,11 +326,18 @@ impl Traversal<'_> {
                 Outcome::Far(visible_fraction(samples, visible))
             }
             Outcome::Sampled(_) => {
-                let mean = visible_weight(samples, visible) / drawn as f32;
-                Outcome::Sampled(mean / self.octree.facets[pair.source as usize].mean_area())
+                let mean = visible_weight(samples, visible) / c.drawn as f32;
+                Outcome::Sampled(self.kernel(pair, c, mean))
             }
             kept => kept,
         }
+    }
+
+    /// Kernel that acts on the source's power, from the mean weight of one pair of surfels. A few
+    /// samples of facets that touch may overshoot; no form factor exceeds its bound.
+    fn kernel(&self, pair: Pair, c: &Candidate, mean: f32) -> f32 {
+        let source = &self.octree.facets[pair.source as usize];
+        (mean / source.mean_area()).min(c.form_factor / source.area)
     }
 
     /// Draws pairs of surfels, spread over both facets; keeps those that face each other.
@@ -336,7 +357,7 @@ impl Traversal<'_> {
                 let u = (q + random.random::<f32>()) / count as f32;
                 let v = (q * GOLDEN + shift + random.random::<f32>() / count as f32).fract();
                 let (i, j) = (at(u, a), at(v, b));
-                let weight = self.surface.point_form_factor(i, j);
+                let weight = self.surface.form_factor(i, j);
                 (weight > 0.0).then_some(Sample {
                     target: i as u32,
                     source: j as u32,
@@ -394,6 +415,13 @@ impl Traversal<'_> {
     fn facets(&self, pair: Pair) -> (&Facet, &Facet) {
         let facets = &self.octree.facets;
         (&facets[pair.target as usize], &facets[pair.source as usize])
+    }
+}
+
+impl Candidate {
+    /// Was it the samples that decided? Then they must not measure the link as well.
+    fn selected(&self) -> bool {
+        !self.exhaustive && !self.negligible
     }
 }
 

@@ -47,7 +47,10 @@ impl Facing {
     /// Upper bounds of the cosines at target and source.
     pub fn cosines(&self) -> [f32; 2] {
         let gap = self.gap.max(f32::MIN_POSITIVE);
-        [(self.target[1] / gap).min(1.0), (self.source[1] / gap).min(1.0)]
+        [
+            (self.target[1] / gap).min(1.0),
+            (self.source[1] / gap).min(1.0),
+        ]
     }
 }
 

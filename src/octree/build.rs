@@ -40,10 +40,12 @@ struct Open<'s> {
 
 impl<'a> Builder<'a> {
     pub fn new(surfels: &'a Surfels) -> Self {
-        let (low, high) = surfels.positions.iter().fold(
-            (Vec3::INFINITY, Vec3::NEG_INFINITY),
-            |(low, high), &p| (low.min(p), high.max(p)),
-        );
+        let (low, high) = surfels
+            .positions
+            .iter()
+            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), &p| {
+                (low.min(p), high.max(p))
+            });
         let size = f64::from((high - low).max_element()).max(f64::MIN_POSITIVE);
         let cells = f64::from(1u32 << MORTON_LEVELS);
         let codes = surfels
@@ -130,10 +132,11 @@ impl<'a> Builder<'a> {
     /// the cube that they point to, others at the middle of their widest extent.
     fn cut_by_normal(&self, members: &mut [u32]) -> Vec<usize> {
         let normal = |i: u32| self.surfels.normals[i as usize];
-        let (low, high) = members.iter().fold(
-            (Vec3::INFINITY, Vec3::NEG_INFINITY),
-            |(low, high), &i| (low.min(normal(i)), high.max(normal(i))),
-        );
+        let (low, high) = members
+            .iter()
+            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), &i| {
+                (low.min(normal(i)), high.max(normal(i)))
+            });
         let extent = high - low;
         if extent.max_element() > 1.8 {
             return cut_by_key(members, |i| cube_face(normal(i)));
@@ -146,9 +149,8 @@ impl<'a> Builder<'a> {
     /// Where the octants of sorted surfels end that agree above `level`; single octants on the way
     /// are skipped. No cut if all lie in one cell of the finest level.
     fn cut_by_place(&self, members: &[u32], mut level: u32) -> (Vec<usize>, Split) {
-        let octant = |i: u32, level: u32| {
-            (self.codes[i as usize] >> (3 * (MORTON_LEVELS - 1 - level))) & 7
-        };
+        let octant =
+            |i: u32, level: u32| (self.codes[i as usize] >> (3 * (MORTON_LEVELS - 1 - level))) & 7;
         let (first, last) = (members[0], members[members.len() - 1]);
         while level < MORTON_LEVELS && octant(first, level) == octant(last, level) {
             level += 1;
@@ -176,10 +178,7 @@ fn cut_by_key(members: &mut [u32], key: impl Fn(u32) -> usize + Sync) -> Vec<usi
 }
 
 /// The parts of a slice that end at `cuts`.
-fn split_at<'s>(
-    mut rest: &'s mut [u32],
-    cuts: &[usize],
-) -> impl Iterator<Item = &'s mut [u32]> {
+fn split_at<'s>(mut rest: &'s mut [u32], cuts: &[usize]) -> impl Iterator<Item = &'s mut [u32]> {
     let mut begin = 0;
     cuts.iter().map(move |&end| {
         let (part, tail) = std::mem::take(&mut rest).split_at_mut(end - begin);

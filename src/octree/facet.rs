@@ -30,6 +30,8 @@ pub struct Facet {
     pub slab: [f32; 2],
     /// Sum of the areas.
     pub area: f32,
+    /// Square root of the largest area.
+    pub spacing: f32,
 }
 
 impl Facet {
@@ -64,9 +66,21 @@ impl Facet {
 
     /// Measures the facet that consists of these surfels.
     pub(super) fn measure(surfels: &Surfels, members: &[u32], begin: u32, parent: u32) -> Facet {
-        let positions = || members.iter().map(|&i| surfels.positions[i as usize].as_dvec3());
-        let normals = || members.iter().map(|&i| surfels.normals[i as usize].as_dvec3());
-        let areas = || members.iter().map(|&i| f64::from(surfels.areas[i as usize]));
+        let positions = || {
+            members
+                .iter()
+                .map(|&i| surfels.positions[i as usize].as_dvec3())
+        };
+        let normals = || {
+            members
+                .iter()
+                .map(|&i| surfels.normals[i as usize].as_dvec3())
+        };
+        let areas = || {
+            members
+                .iter()
+                .map(|&i| f64::from(surfels.areas[i as usize]))
+        };
 
         let area: f64 = areas().sum();
         let mean = |values: &mut dyn Iterator<Item = DVec3>| -> DVec3 {
@@ -106,6 +120,7 @@ impl Facet {
             spread: spread as f32,
             slab: [slab[0] as f32, slab[1] as f32],
             area: area as f32,
+            spacing: areas().fold(0.0, f64::max).sqrt() as f32,
         }
     }
 }

@@ -28,7 +28,7 @@ pub struct Octree {
 pub const MAX_HALF_ANGLE: f64 = 0.7;
 
 /// At most so many surfels a leaf.
-pub const LEAF_SIZE: usize = 8;
+pub const LEAF_SIZE: usize = 4;
 
 impl Octree {
     /// Builds the octree; returns it with the surfels in its order, in which each facet's surfels

@@ -60,7 +60,11 @@ impl Cell {
             .take(6)
             .fold((0.0, 0), |(s, c), n| (s + n.offset.length(), c + 1));
         // A point alone in its orientation gets a small cell.
-        let spacing = if count > 0 { sum / count as f64 } else { 0.5 * nearest };
+        let spacing = if count > 0 {
+            sum / count as f64
+        } else {
+            0.5 * nearest
+        };
         let (tangent, bitangent) = tangent_frame(normal, neighbours);
         let flat = |v: DVec3| DVec2::new(v.dot(tangent), v.dot(bitangent));
 
@@ -72,7 +76,10 @@ impl Cell {
                 polygon.clip(t, 0.5 * t.length_squared());
             }
         }
-        for n in neighbours.iter().filter(|n| folds(n, normal, crease, spacing)) {
+        for n in neighbours
+            .iter()
+            .filter(|n| folds(n, normal, crease, spacing))
+        {
             // Keep the side of the neighbour's plane on which the point itself lies.
             let side = -n.offset.dot(n.normal);
             let across = flat(n.normal) * -side.signum();
@@ -213,7 +220,9 @@ impl Polygon {
                 let (a, b, c) = (self.0[(k + n - 1) % n], self.0[k], self.0[(k + 1) % n]);
                 (b - a).perp_dot(c - b)
             };
-            let least = (0..n).min_by(|&a, &b| cut(a).total_cmp(&cut(b))).unwrap_or(0);
+            let least = (0..n)
+                .min_by(|&a, &b| cut(a).total_cmp(&cut(b)))
+                .unwrap_or(0);
             self.0.remove(least);
         }
         let last = self.0[self.0.len() - 1];

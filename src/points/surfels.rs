@@ -91,7 +91,9 @@ impl Surfels {
             out.clear();
             let found = tree
                 .query(&positions[i])
-                .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(NEIGHBOURS))
+                .nearest_n::<SquaredEuclidean<f32>>(
+                    NonZero::<usize>::MIN.saturating_add(NEIGHBOURS),
+                )
                 .execute();
             for item in found.iter().filter(|item| item.distance > 0.0) {
                 let j = item.item as usize;
@@ -228,18 +230,16 @@ fn noise(surfels: &Surfels, neighbours: impl Fn(usize, &mut Vec<Neighbour>) + Sy
 }
 
 /// Usable points as surfels without cells, one a place and side; unknown areas are 0.
-fn select(
-    cloud: &PointCloud,
-    repairs: &mut Vec<String>,
-) -> Result<(Surfels, Vec<Option<u32>>)> {
+fn select(cloud: &PointCloud, repairs: &mut Vec<String>) -> Result<(Surfels, Vec<Option<u32>>)> {
     let usable = |i: usize| {
         let length = cloud.normals[i].length();
         cloud.positions[i].is_finite() && length.is_finite() && length > 0.0
     };
-    let (low, high) = (0..cloud.len()).filter(|&i| usable(i)).fold(
-        (DVec3::INFINITY, DVec3::NEG_INFINITY),
-        |(low, high), i| (low.min(cloud.positions[i]), high.max(cloud.positions[i])),
-    );
+    let (low, high) = (0..cloud.len())
+        .filter(|&i| usable(i))
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), i| {
+            (low.min(cloud.positions[i]), high.max(cloud.positions[i]))
+        });
     let origin = 0.5 * (low + high);
     let mut surfels = Surfels {
         origin,
@@ -285,8 +285,14 @@ fn select(
         surfels.points.push(i as u32);
     }
     for (count, what) in [
-        (positions_left_out, "points with coordinates that are not finite: left out, no light"),
-        (normals_left_out, "points whose normal is zero or not finite: left out, no light"),
+        (
+            positions_left_out,
+            "points with coordinates that are not finite: left out, no light",
+        ),
+        (
+            normals_left_out,
+            "points whose normal is zero or not finite: left out, no light",
+        ),
         (merged, "points at the place of another one: merged with it"),
     ] {
         if count > 0 {

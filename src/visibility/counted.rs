@@ -37,7 +37,8 @@ impl Visibility for Counted<'_> {
     fn visible(&self, segments: &[Segment]) -> Result<Vec<bool>> {
         let start = Instant::now();
         let answers = self.inner.visible(segments);
-        self.segments.fetch_add(segments.len() as u64, Ordering::Relaxed);
+        self.segments
+            .fetch_add(segments.len() as u64, Ordering::Relaxed);
         self.nanoseconds
             .fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
         answers
