@@ -1,11 +1,17 @@
 //! Light on point clouds.
 
+pub mod colour;
+pub mod compare;
 pub mod error;
 pub mod illuminate;
 pub mod map;
 pub mod math;
+pub mod memory;
+pub mod output;
 pub mod points;
 pub mod progress;
+pub mod render;
+pub mod scan;
 pub mod scene;
 pub mod visibility;
 
