@@ -56,6 +56,7 @@ pub enum Choice {
     Auto,
     /// A GPU, or software Vulkan where there is none
     Gpu,
+    /// All threads of the CPU
     Cpu,
 }
 

@@ -200,10 +200,13 @@ fn load(args: &Args, progress: &dyn Progress) -> Result<Scene> {
 fn picture(
     _scene: &Scene,
     _map: &IlluminationMap,
-    _size: Size,
+    size: Size,
     _progress: &dyn Progress,
 ) -> Result<Vec<u8>> {
-    Err(Error::Usage("pictures: not built yet".to_owned()))
+    Err(Error::Usage(format!(
+        "pictures ({} x {}): not built yet",
+        size.width, size.height
+    )))
 }
 
 /// A scan has no lights of its own, and a black result would puzzle.
