@@ -1,5 +1,7 @@
 //! Light on point clouds.
 
+pub mod colour;
+pub mod compare;
 pub mod error;
 pub mod expansion;
 pub mod illuminate;
@@ -10,8 +12,12 @@ pub mod math;
 pub mod octree;
 pub mod operator;
 pub mod passes;
+pub mod memory;
+pub mod output;
 pub mod points;
 pub mod progress;
+pub mod render;
+pub mod scan;
 pub mod scene;
 pub mod solve;
 pub mod visibility;

@@ -1,0 +1,62 @@
+//! The command line.
+
+mod adapters;
+mod backend;
+mod compare;
+mod outputs;
+mod solve;
+mod terminal;
+mod values;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use fmmgi_gpu::Result;
+
+/// Illumination maps of point clouds: diffuse light after all bounces, with occlusion.
+#[derive(Parser)]
+#[command(
+    version,
+    after_help = "Exit codes: 0 done; 1 failed; 2 wrong usage; 3 the backend asked \
+    for is not there; 4 done, but not converged (the result is written); 130 interrupted."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Solve(solve::Args),
+    Compare(compare::Args),
+    Adapters(adapters::Args),
+}
+
+/// How a command that did not fail ended.
+enum Done {
+    Well,
+    NotConverged,
+}
+
+/// Runs the command that the arguments of the process ask for.
+pub fn run() -> ExitCode {
+    let result: Result<Done> = match Cli::parse().command {
+        Command::Solve(args) => solve::run(&args),
+        Command::Compare(args) => compare::run(&args),
+        Command::Adapters(_) => adapters::run(),
+    };
+    match result {
+        Ok(Done::Well) => ExitCode::SUCCESS,
+        Ok(Done::NotConverged) => ExitCode::from(4),
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+/// Prints to standard output; a reader that has gone away is no error.
+fn print(text: &str) {
+    use std::io::Write;
+    let _ = writeln!(std::io::stdout(), "{text}");
+}

@@ -1,0 +1,48 @@
+//! Checks of the files to be written, made before the work.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use fmmgi_gpu::output::check_writable;
+use fmmgi_gpu::{Error, Result};
+
+/// Fails if an output is the input, two outputs are the same file, or one cannot be written.
+pub fn check(input: &Path, outputs: &[&Path]) -> Result<()> {
+    for (i, output) in outputs.iter().enumerate() {
+        if same_file(output, input) {
+            return Err(Error::Usage(format!(
+                "{} is the input, which would be overwritten: give the output another name",
+                output.display()
+            )));
+        }
+        if let Some(other) = outputs[..i].iter().find(|other| same_file(output, other)) {
+            return Err(Error::Usage(format!(
+                "{} and {} are the same file: give each output its own name",
+                other.display(),
+                output.display()
+            )));
+        }
+        check_writable(output)?;
+    }
+    Ok(())
+}
+
+/// Whether two paths lead to one file. Devices can take several outputs.
+fn same_file(a: &Path, b: &Path) -> bool {
+    let is_device = |path| fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir());
+    match (resolved(a), resolved(b)) {
+        (Some(a), Some(b)) => a == b && !is_device(&a),
+        _ => false,
+    }
+}
+
+/// The path without links and dots; the file itself need not be there yet.
+fn resolved(path: &Path) -> Option<PathBuf> {
+    fs::canonicalize(path).ok().or_else(|| {
+        let parent = match path.parent()? {
+            parent if parent == Path::new("") => Path::new("."),
+            parent => parent,
+        };
+        Some(fs::canonicalize(parent).ok()?.join(path.file_name()?))
+    })
+}

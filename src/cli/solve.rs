@@ -1,0 +1,282 @@
+//! `fmmgi-gpu solve`
+
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::ValueEnum;
+use fmmgi_gpu::output::{write_atomic, write_ply, write_stats};
+use fmmgi_gpu::scene::PointLight;
+use fmmgi_gpu::{
+    Error, IlluminationMap, Method, Occlusion, Options, Progress, Result, Scene, Stats, illuminate,
+    memory, scan,
+};
+use glam::Vec3;
+
+use super::terminal::{self, Terminal};
+use super::values::{self, Size};
+use super::{Done, backend, outputs};
+
+/// Compute the light at every point of a scan or a scene.
+///
+/// Lengths are in the scan's unit, light is linear RGB. Without any output only a summary is
+/// printed.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Scan (.ply) or scene file (.toml)
+    input: PathBuf,
+    /// Write the points with their light
+    #[arg(short, long, value_name = "OUT.ply")]
+    output: Option<PathBuf>,
+    /// Write a picture
+    #[arg(long, value_name = "OUT.png")]
+    image: Option<PathBuf>,
+    /// Write what was done and how well it went
+    #[arg(long, value_name = "OUT.json")]
+    stats: Option<PathBuf>,
+    /// Points to make on the shapes of a scene file
+    #[arg(long, value_name = "N")]
+    points: Option<NonZeroUsize>,
+    /// How the light is summed up
+    #[arg(long, value_enum, default_value = "auto")]
+    method: MethodArg,
+    /// Where the work is done
+    #[arg(long, value_enum, default_value = "auto")]
+    backend: backend::Choice,
+    /// GPU to use: its number in "adapters", or a part of its name
+    #[arg(long, value_name = "NAME|INDEX")]
+    adapter: Option<String>,
+    /// Relative error to aim at, 1e-6 to 0.5 [default: the scene's, or 0.03]
+    #[arg(long, value_name = "T", value_parser = values::tolerance, allow_hyphen_values = true)]
+    tolerance: Option<f64>,
+    /// What stands in the way of light
+    #[arg(long, value_enum, default_value = "surfels")]
+    visibility: VisibilityArg,
+    /// Bounces to follow; 0 is direct light alone [default: until nothing changes]
+    #[arg(long, value_name = "N")]
+    max_bounces: Option<u32>,
+    /// Threads to use [default: all]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Add a point light with a radiant intensity (1,1,1 if left out); can be given several times
+    #[arg(long, value_name = "point:X,Y,Z[:R,G,B]", value_parser = values::light)]
+    light: Vec<PointLight>,
+    /// Irradiance that an open plane gets from a uniform sky, instead of the scene's
+    #[arg(long, value_name = "R,G,B", value_parser = values::rgb, allow_hyphen_values = true)]
+    sky: Option<Vec3>,
+    /// Size of the picture in pixels
+    #[arg(long, value_name = "WxH", value_parser = values::size, default_value = "1280x720")]
+    size: Size,
+    /// Tell what is being done
+    #[arg(short, long, conflicts_with = "quiet")]
+    verbose: bool,
+    /// Print nothing but errors
+    #[arg(long)]
+    quiet: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum MethodArg {
+    /// Exact sum over all pairs, for small clouds
+    Direct,
+    /// Fast multipole method
+    Fmm,
+    /// What is cheaper
+    Auto,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum VisibilityArg {
+    /// The points' pieces of surface
+    Surfels,
+    /// Nothing
+    None,
+}
+
+pub fn run(args: &Args) -> Result<Done> {
+    let began = Instant::now();
+    let files: Vec<&Path> = [&args.output, &args.image, &args.stats]
+        .into_iter()
+        .filter_map(Option::as_deref)
+        .collect();
+    outputs::check(&args.input, &files)?;
+    let options = args.options();
+    let chosen = backend::choose(args.backend, args.adapter.as_deref(), options.method)?;
+    if let Some(threads) = args.threads {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global()
+            .map_err(|e| Error::TooLarge(format!("{threads} threads: {e}")))?;
+    }
+    terminal::stop_on_ctrl_c();
+    let progress = Terminal::new(args.quiet, args.verbose);
+
+    let mut scene = load(args, &progress)?;
+    scene.lights.extend(&args.light);
+    scene.sky = args.sky.unwrap_or(scene.sky);
+    let load = began.elapsed().as_secs_f64();
+    warn_of_darkness(&scene, &progress);
+    progress.note(&format!("backend: {}", chosen.describe()));
+
+    let mut result = illuminate(&scene, &options, chosen.backend(), &progress)?;
+
+    // Everything is computed before anything is written: an interruption leaves no half result.
+    let png = args
+        .image
+        .as_ref()
+        .map(|_| picture(&scene, &result.map, args.size, &progress));
+    progress.check()?;
+    progress.finish();
+
+    let written = Instant::now();
+    if let Some(path) = &args.output {
+        write_ply(path, &scene.cloud, &result.map)?;
+    }
+    if let (Some(path), Some(png)) = (&args.image, png) {
+        let png = png?;
+        write_atomic(path, |writer| writer.write_all(&png))?;
+    }
+    let stats = &mut result.stats;
+    stats.seconds.load = load;
+    stats.seconds.write = written.elapsed().as_secs_f64();
+    stats.seconds.total = began.elapsed().as_secs_f64();
+    stats.peak_memory_bytes = memory::peak_bytes();
+    if let Some(path) = &args.stats {
+        write_stats(path, stats)?;
+    }
+    if !args.quiet {
+        super::print(&summary(stats, &chosen.describe(), &files));
+    }
+    Ok(if stats.converged {
+        Done::Well
+    } else {
+        Done::NotConverged
+    })
+}
+
+impl Args {
+    fn options(&self) -> Options {
+        Options {
+            method: match self.method {
+                MethodArg::Direct => Method::Direct,
+                MethodArg::Fmm => Method::Fmm,
+                MethodArg::Auto => Method::Auto,
+            },
+            occlusion: match self.visibility {
+                VisibilityArg::Surfels => Occlusion::Surfels,
+                VisibilityArg::None => Occlusion::None,
+            },
+            tolerance: self.tolerance,
+            max_bounces: self.max_bounces,
+            seed: self.seed,
+        }
+    }
+}
+
+// MERGE: the body becomes
+// let options = SceneOptions { points: args.points.map(NonZeroUsize::get), seed: args.seed };
+// Scene::load(&args.input, &options, progress)
+fn load(args: &Args, progress: &dyn Progress) -> Result<Scene> {
+    if args.input.extension().is_some_and(|e| e == "toml") {
+        return Err(Error::Usage("scene files: not built yet".to_owned()));
+    }
+    if args.points.is_some() {
+        return Err(Error::Usage(
+            "--points is for the shapes of scene files; a scan has its points".to_owned(),
+        ));
+    }
+    Ok(Scene {
+        cloud: scan::read(&args.input, progress)?,
+        ..Scene::default()
+    })
+}
+
+/// The bytes of a PNG file.
+// MERGE: camera of the scene, else render::fit; render::picture; then
+// render::encode_png(&image, render::tone::exposure(&map.radiosity))
+fn picture(
+    _scene: &Scene,
+    _map: &IlluminationMap,
+    size: Size,
+    _progress: &dyn Progress,
+) -> Result<Vec<u8>> {
+    Err(Error::Usage(format!(
+        "pictures ({} x {}): not built yet",
+        size.width, size.height
+    )))
+}
+
+/// A scan has no lights of its own, and a black result would puzzle.
+fn warn_of_darkness(scene: &Scene, progress: &dyn Progress) {
+    let dark = |light: &Vec3| *light == Vec3::ZERO;
+    if scene.lights.iter().all(|light| dark(&light.intensity))
+        && dark(&scene.sky)
+        && scene.cloud.emission.iter().all(dark)
+    {
+        progress.note(
+            "warning: nothing gives light, so everything will be dark: add --light or --sky, or \
+             give points an emission (properties emission_red, emission_green, emission_blue)",
+        );
+    }
+}
+
+/// What a person wants to know after a solve.
+fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
+    let seconds = &stats.seconds;
+    let mut lines = vec![
+        format!(
+            "points      {}, of which {} take part in the transport",
+            stats.points, stats.surfels
+        ),
+        format!(
+            "method      {}, tolerance {}",
+            format!("{:?}", stats.method).to_lowercase(),
+            stats.tolerance
+        ),
+        format!("backend     {backend}"),
+        format!(
+            "time        {:.2} s (load {:.2}, prepare {:.2}, octree {:.2}, links {:.2}, \
+             visibility {:.2}, solve {:.2}, write {:.2})",
+            seconds.total,
+            seconds.load,
+            seconds.prepare,
+            seconds.octree,
+            seconds.links,
+            seconds.visibility,
+            seconds.solve,
+            seconds.write
+        ),
+        format!(
+            "solution    {} iterations, residual {:.1e}{}",
+            stats.iterations,
+            stats.residual,
+            if stats.converged {
+                ""
+            } else {
+                ": NOT CONVERGED"
+            }
+        ),
+        format!(
+            "row sum     {:.4} at most, {:.4} on average (1 in a closed room)",
+            stats.row_sum.max, stats.row_sum.mean
+        ),
+    ];
+    if let Some(bytes) = stats.peak_memory_bytes {
+        lines.push(format!("memory      {} MB at most", bytes / 1_000_000));
+    }
+    lines.extend(
+        stats
+            .repairs
+            .iter()
+            .map(|what| format!("repaired    {what}")),
+    );
+    lines.extend(
+        files
+            .iter()
+            .map(|file| format!("written     {}", file.display())),
+    );
+    lines.join("\n")
+}

@@ -1,0 +1,81 @@
+//! Values on the command line: parsed and checked.
+
+use fmmgi_gpu::scene::PointLight;
+use glam::{DVec3, Vec3};
+
+/// Largest side of a picture in pixels.
+const MAX_SIDE: u32 = 16_384;
+/// Most pixels of a picture.
+const MAX_PIXELS: u32 = 1 << 25;
+
+/// Width and height of a picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Size {
+    pub width: u32,
+    pub height: u32,
+}
+
+pub fn size(text: &str) -> Result<Size, String> {
+    let (width, height) = text
+        .split_once(['x', 'X'])
+        .and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)))
+        .ok_or("must be WIDTHxHEIGHT in pixels, for instance 1280x720")?;
+    let sides = 1..=MAX_SIDE;
+    if !sides.contains(&width) || !sides.contains(&height) {
+        return Err(format!("each side must have 1 to {MAX_SIDE} pixels"));
+    }
+    if width * height > MAX_PIXELS {
+        return Err(format!("at most {MAX_PIXELS} pixels are possible"));
+    }
+    Ok(Size { width, height })
+}
+
+pub fn tolerance(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(tolerance) if (1e-6..=0.5).contains(&tolerance) => Ok(tolerance),
+        _ => Err("must be a number from 1e-6 to 0.5, for instance 0.03".to_owned()),
+    }
+}
+
+/// Linear RGB of a light: finite and not negative.
+pub fn rgb(text: &str) -> Result<Vec3, String> {
+    let rgb = three(text)
+        .ok_or("must be three numbers R,G,B, for instance 1,0.9,0.8")?
+        .as_vec3();
+    if !rgb.is_finite() {
+        return Err("must be finite numbers".to_owned());
+    }
+    if rgb.min_element() < 0.0 {
+        return Err("must not be negative: there is no dark light".to_owned());
+    }
+    Ok(rgb)
+}
+
+pub fn light(text: &str) -> Result<PointLight, String> {
+    const SYNTAX: &str = "a light is point:X,Y,Z or point:X,Y,Z:R,G,B (place; radiant intensity, \
+        1,1,1 if left out), for instance point:0,0,2.5:10,9,8";
+    let parts: Vec<&str> = text.split(':').collect();
+    let (place, intensity) = match parts[..] {
+        ["point", place] => (place, Vec3::ONE),
+        ["point", place, intensity] => (
+            place,
+            rgb(intensity).map_err(|what| format!("its intensity {what}; {SYNTAX}"))?,
+        ),
+        _ => return Err(SYNTAX.to_owned()),
+    };
+    match three(place) {
+        Some(position) if position.is_finite() => Ok(PointLight {
+            position,
+            intensity,
+        }),
+        _ => Err(format!("its place must be three finite numbers; {SYNTAX}")),
+    }
+}
+
+fn three(text: &str) -> Option<DVec3> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|number| number.trim().parse().ok())
+        .collect::<Option<_>>()?;
+    <[f64; 3]>::try_from(numbers).ok().map(DVec3::from)
+}

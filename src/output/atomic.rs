@@ -1,0 +1,99 @@
+//! Files that appear under their names only when they are complete.
+
+use std::fs::{self, OpenOptions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
+
+use crate::error::{Error, Result};
+
+/// Writes a file through a temporary one in the same directory, which takes its name at the end.
+/// What is at `path` before stays as it is until then, and stays if `write` fails.
+///
+/// Devices and pipes (such as `/dev/stdout`) are written to as they are.
+///
+/// # Errors
+/// [`Error::Io`] if the directory is missing or cannot be written, or the disk is full.
+pub fn write_atomic(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<()> {
+    let failed = |e| Error::io(path, "cannot be written", e);
+    match Target::of(path)? {
+        Target::Stream => {
+            let stream = OpenOptions::new().write(true).open(path).map_err(failed)?;
+            buffered(stream, write).map_err(failed)?;
+        }
+        Target::File(target) => {
+            let file = temporary(&target).map_err(failed)?;
+            buffered(&file, write).map_err(failed)?;
+            file.persist(&target).map_err(|e| failed(e.error))?;
+        }
+    }
+    Ok(())
+}
+
+/// Fails if [`write_atomic`] could not write to `path`, so that it is known before the work.
+pub fn check_writable(path: &Path) -> Result<()> {
+    if let Target::File(target) = Target::of(path)? {
+        temporary(&target).map_err(|e| Error::io(path, "cannot be written", e))?;
+    }
+    Ok(())
+}
+
+enum Target {
+    File(PathBuf),
+    Stream,
+}
+
+impl Target {
+    fn of(path: &Path) -> Result<Self> {
+        match fs::metadata(path) {
+            Ok(metadata) if metadata.is_dir() => {
+                Err(Error::input(path, "is a directory; a file name is needed"))
+            }
+            Ok(metadata) if !metadata.is_file() => Ok(Target::Stream),
+            // A link to a file stays a link.
+            Ok(_) => fs::canonicalize(path)
+                .map(Target::File)
+                .map_err(|e| Error::io(path, "cannot be written", e)),
+            Err(_) if path.file_name().is_none() => Err(Error::input(path, "is not a file name")),
+            Err(_) => Ok(Target::File(path.to_owned())),
+        }
+    }
+}
+
+fn temporary(target: &Path) -> io::Result<NamedTempFile> {
+    let directory = match target.parent() {
+        Some(parent) if parent != Path::new("") => parent,
+        _ => Path::new("."),
+    };
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".fmmgi-");
+    // The permissions of an ordinary new file, not those of a secret.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.tempfile_in(directory).map_err(|e| {
+        // The error names the temporary file, which means nothing to the user.
+        match e.kind() {
+            io::ErrorKind::NotFound => {
+                io::Error::new(e.kind(), format!("no directory {}", directory.display()))
+            }
+            io::ErrorKind::PermissionDenied => io::Error::new(
+                e.kind(),
+                format!("no permission to write in {}", directory.display()),
+            ),
+            kind => io::Error::new(kind, format!("in {}: {kind}", directory.display())),
+        }
+    })
+}
+
+fn buffered(
+    target: impl Write,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    let mut writer = BufWriter::with_capacity(1 << 16, target);
+    write(&mut writer)?;
+    writer.flush()
+}

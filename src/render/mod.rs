@@ -1,0 +1,3 @@
+//! The picture of a lit cloud.
+
+pub mod tone;

@@ -1,0 +1,176 @@
+//! The values of binary PLY files.
+
+use std::io::{self, BufRead, Read, Seek};
+
+use rayon::prelude::*;
+
+use super::header::{Element, Encoding, Kind};
+use super::scalar::Scalar;
+use super::{PlyFile, Rows};
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+
+/// Bytes that are read, decoded and handed on at a time.
+const BLOCK: usize = 4 << 20;
+/// Rows for one thread at a time.
+const GRAIN: usize = 4096;
+
+pub fn rows(
+    ply: &mut PlyFile,
+    columns: &[usize],
+    progress: &dyn Progress,
+    take: &mut dyn FnMut(Rows),
+) -> Result<()> {
+    for i in 0..ply.vertex {
+        let element = ply.header.elements[i].clone();
+        skip(&mut ply.input, &element, ply.header.encoding, progress)?.map_err(|e| {
+            match e.kind() {
+                io::ErrorKind::UnexpectedEof => ply.input_error(format!(
+                    "the file is cut short: it ends in element {:?}, before the vertices",
+                    element.name
+                )),
+                io::ErrorKind::InvalidData => {
+                    ply.input_error(format!("element {:?}: {e}", element.name))
+                }
+                _ => Error::io(&ply.path, "cannot be read", e),
+            }
+        })?;
+    }
+    match ply.element().stride() {
+        Some(stride) => strided_rows(ply, stride, columns, progress, take),
+        None => rows_with_lists(ply, columns, progress, take),
+    }
+}
+
+/// Rows of equal length: read in blocks, decoded on all threads.
+fn strided_rows(
+    ply: &mut PlyFile,
+    stride: usize,
+    columns: &[usize],
+    progress: &dyn Progress,
+    take: &mut dyn FnMut(Rows),
+) -> Result<()> {
+    let encoding = ply.header.encoding;
+    let fields: Vec<(usize, Scalar)> = columns
+        .iter()
+        .map(|&column| {
+            let before = &ply.element().properties[..column];
+            let offset = before.iter().map(|property| match property.kind {
+                Kind::Scalar(scalar) => scalar.size(),
+                Kind::List { .. } => unreachable!("rows of equal length have no lists"),
+            });
+            (offset.sum(), ply.scalar(column))
+        })
+        .collect();
+    let block = (BLOCK / stride).max(1).min(ply.len());
+    let mut bytes = vec![0; block * stride];
+    let mut values = vec![0.0; block * columns.len()];
+    let mut done = 0;
+    while done < ply.len() {
+        progress.check()?;
+        let rows = block.min(ply.len() - done);
+        let bytes = &mut bytes[..rows * stride];
+        let values = &mut values[..rows * columns.len()];
+        ply.input
+            .read_exact(bytes)
+            .map_err(|e| ply.read_error(e, done))?;
+        values
+            .par_chunks_exact_mut(columns.len())
+            .zip(bytes.par_chunks_exact(stride))
+            .with_min_len(GRAIN)
+            .for_each(|(values, bytes)| {
+                for (value, &(offset, scalar)) in values.iter_mut().zip(&fields) {
+                    *value = scalar.decode(&bytes[offset..], encoding);
+                }
+            });
+        take(values);
+        progress.advance(bytes.len() as u64);
+        done += rows;
+    }
+    Ok(())
+}
+
+/// Rows with lists among their values: read one after the other, the lists are skipped.
+fn rows_with_lists(
+    ply: &mut PlyFile,
+    columns: &[usize],
+    progress: &dyn Progress,
+    take: &mut dyn FnMut(Rows),
+) -> Result<()> {
+    let element = ply.element().clone();
+    let encoding = ply.header.encoding;
+    let mut row = vec![0.0; element.properties.len()];
+    let mut values = Vec::new();
+    let mut bytes = 0;
+    for done in 0..ply.len() {
+        bytes +=
+            read_row(&mut ply.input, &element, encoding, &mut row).map_err(|e| match e.kind() {
+                io::ErrorKind::InvalidData => ply.input_error(format!("vertex {done}: {e}")),
+                _ => ply.read_error(e, done),
+            })?;
+        values.extend(columns.iter().map(|&column| row[column]));
+        if values.len() * size_of::<f64>() >= BLOCK || done + 1 == ply.len() {
+            progress.check()?;
+            progress.advance(std::mem::take(&mut bytes));
+            take(&values);
+            values.clear();
+        }
+    }
+    Ok(())
+}
+
+/// Skips all entries of an element. The outer error is the interruption.
+fn skip<R: BufRead + Seek>(
+    input: &mut R,
+    element: &Element,
+    encoding: Encoding,
+    progress: &dyn Progress,
+) -> Result<io::Result<()>> {
+    if let Some(stride) = element.stride() {
+        // No overflow: the header fits the file's length.
+        let bytes = element.count * stride as u64;
+        progress.advance(bytes);
+        return Ok(input.seek_relative(bytes as i64));
+    }
+    let mut row = vec![0.0; element.properties.len()];
+    for i in 0..element.count {
+        if i % 65536 == 0 {
+            progress.check()?;
+        }
+        match read_row(input, element, encoding, &mut row) {
+            Ok(bytes) => progress.advance(bytes),
+            Err(e) => return Ok(Err(e)),
+        }
+    }
+    Ok(Ok(()))
+}
+
+/// Reads the scalars of one entry and skips its lists; returns its length in bytes.
+fn read_row<R: BufRead + Seek>(
+    input: &mut R,
+    element: &Element,
+    encoding: Encoding,
+    row: &mut [f64],
+) -> io::Result<u64> {
+    let mut bytes = 0;
+    for (property, value) in element.properties.iter().zip(row) {
+        let (Kind::Scalar(scalar) | Kind::List { count: scalar, .. }) = property.kind;
+        let mut buffer = [0; 8];
+        input.read_exact(&mut buffer[..scalar.size()])?;
+        *value = scalar.decode(&buffer, encoding);
+        bytes += scalar.size() as u64;
+        if let Kind::List { value: item, .. } = property.kind {
+            if *value < 0.0 {
+                return Err(io::Error::new(
+                    io::ErrorKind::InvalidData,
+                    format!("list {:?} has a negative length", property.name),
+                ));
+            }
+            let length = *value as u64 * item.size() as u64;
+            // Beyond the end of the file the next read fails.
+            input.seek_relative(length as i64)?;
+            bytes += length;
+        }
+    }
+    Ok(bytes)
+}

@@ -1,0 +1,142 @@
+//! PLY files: ascii, little and big endian.
+
+mod ascii;
+mod binary;
+mod cloud;
+mod header;
+mod scalar;
+
+use std::fs::File;
+use std::io::{self, BufReader};
+use std::path::{Path, PathBuf};
+
+pub use cloud::read;
+
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use header::{Element, Encoding, Header, Kind};
+use scalar::Scalar;
+
+/// A block of rows, one a vertex, of the values of the columns asked for.
+pub(crate) type Rows<'a> = &'a [f64];
+
+/// A PLY file whose header has been read and fits the file's length.
+pub(crate) struct PlyFile {
+    path: PathBuf,
+    input: BufReader<File>,
+    header: Header,
+    bytes: u64,
+    /// Index of the element "vertex".
+    vertex: usize,
+}
+
+impl PlyFile {
+    pub fn open(path: &Path) -> Result<Self> {
+        let file = super::open(path)?;
+        let bytes = file
+            .metadata()
+            .map_err(|e| Error::io(path, "cannot be read", e))?
+            .len();
+        let mut input = BufReader::with_capacity(1 << 16, file);
+        let header = header::read(&mut input).map_err(|what| Error::input(path, what))?;
+        let vertex = header
+            .elements
+            .iter()
+            .position(|element| element.name == "vertex")
+            .ok_or_else(|| Error::input(path, "the header has no element \"vertex\""))?;
+        let ply = PlyFile {
+            path: path.to_owned(),
+            input,
+            header,
+            bytes,
+            vertex,
+        };
+        ply.check_length()?;
+        Ok(ply)
+    }
+
+    /// Number of vertices; the file is long enough to hold them.
+    pub fn len(&self) -> usize {
+        self.element().count as usize
+    }
+
+    /// Index of a scalar property of the vertices, by its name with or without `scalar_`.
+    pub fn column(&self, name: &str) -> Option<usize> {
+        let find = |name: &str| {
+            self.element().properties.iter().position(|property| {
+                property.name == name && matches!(property.kind, Kind::Scalar(_))
+            })
+        };
+        find(name).or_else(|| find(&format!("scalar_{name}")))
+    }
+
+    fn scalar(&self, column: usize) -> Scalar {
+        match self.element().properties[column].kind {
+            Kind::Scalar(scalar) => scalar,
+            Kind::List { .. } => unreachable!("columns are scalars"),
+        }
+    }
+
+    fn element(&self) -> &Element {
+        &self.header.elements[self.vertex]
+    }
+
+    /// A count is believed only if the file can hold it: nothing is allocated before.
+    fn check_length(&self) -> Result<()> {
+        let least = |element: &Element| element.least_bytes(self.header.encoding);
+        let vertex = self.element();
+        let before: u128 = self.header.elements[..self.vertex].iter().map(least).sum();
+        let mut body = u128::from(self.bytes.saturating_sub(self.header.bytes));
+        if self.header.encoding == Encoding::Ascii {
+            body += 1; // the last line may lack its end
+        }
+        if before + least(vertex) > body {
+            let each = (least(vertex) / u128::from(vertex.count.max(1))).max(1);
+            return Err(self.input_error(format!(
+                "the file is cut short: its header promises {} vertices, and there is room for at \
+                 most {}",
+                vertex.count,
+                body.saturating_sub(before) / each,
+            )));
+        }
+        if vertex.count > u64::from(u32::MAX) {
+            return Err(Error::TooLarge(format!(
+                "{}: {} points; at most {} are possible",
+                self.path.display(),
+                vertex.count,
+                u32::MAX
+            )));
+        }
+        Ok(())
+    }
+
+    /// Hands the given columns of all vertices to `take`, block by block.
+    pub fn rows(
+        mut self,
+        columns: &[usize],
+        progress: &dyn Progress,
+        take: &mut dyn FnMut(Rows),
+    ) -> Result<()> {
+        progress.stage("reading", self.bytes);
+        progress.advance(self.header.bytes);
+        match self.header.encoding {
+            Encoding::Ascii => ascii::rows(&mut self, columns, progress, take),
+            _ => binary::rows(&mut self, columns, progress, take),
+        }
+    }
+
+    fn input_error(&self, message: impl Into<String>) -> Error {
+        Error::input(&self.path, message)
+    }
+
+    /// The error of a read inside the vertices.
+    fn read_error(&self, error: io::Error, vertices: usize) -> Error {
+        match error.kind() {
+            io::ErrorKind::UnexpectedEof => self.input_error(format!(
+                "the file is cut short: it ends after {vertices} of {} vertices",
+                self.len()
+            )),
+            _ => Error::io(&self.path, "cannot be read", error),
+        }
+    }
+}

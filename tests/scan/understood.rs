@@ -1,0 +1,168 @@
+//! What the properties mean, in every encoding.
+
+use glam::{DVec3, Vec3};
+
+use super::*;
+
+#[test]
+fn both_byte_orders_and_ascii_give_the_same_cloud() {
+    let ascii = "ply\r\nformat ascii 1.0\r\ncomment x\r\n\
+         element camera 2\r\nproperty list uchar int ids\r\nproperty double fov\r\n\
+         element vertex 2\r\nproperty double x\r\nproperty list ushort float weights\r\n\
+         property float y\r\nproperty short z\r\nproperty uchar red\r\nproperty uchar green\r\n\
+         property uchar blue\r\nproperty float radius\r\n\
+         element face 1\r\nproperty list uchar int vertex_indices\r\nend_header\r\n\
+         2 7 8 60\r\n0 70\r\n\r\n\
+         1.5 3 0.1 0.2 0.3 -2.5 -300 255 0 188 2 \r\n  6e6 0 .25 +7 0 1 2 1e0\r\n3 0 1 0";
+    for bytes in [
+        rich_binary(false),
+        rich_binary(true),
+        ascii.as_bytes().to_vec(),
+        ascii.replace("\r\n", "\n").into_bytes(),
+        ascii.replace("\r\n", "\r").into_bytes(),
+        ascii.replacen("ply\r\n", "ply  \r\n", 1).into_bytes(),
+    ] {
+        let cloud = read(&bytes).unwrap();
+        assert_eq!(
+            cloud.positions,
+            [DVec3::new(1.5, -2.5, -300.0), DVec3::new(6e6, 0.25, 7.0)]
+        );
+        assert!(cloud.normals.is_empty());
+        assert_eq!(
+            cloud.areas,
+            [4.0 * std::f32::consts::PI, std::f32::consts::PI]
+        );
+        let [red, green, blue] = cloud.reflectance[0].to_array();
+        assert_eq!([red, green], [0.9, 0.0], "white is capped at 0.9");
+        // 188 is half of the light: ((188 / 255 + 0.055) / 1.055)^2.4.
+        assert!((blue - 0.502_886).abs() < 1e-5);
+        assert_eq!(cloud.emission, [Vec3::ZERO; 2]);
+        assert!(cloud.repairs.is_empty());
+    }
+}
+
+#[test]
+fn properties_are_understood_with_and_without_prefix() {
+    for prefix in ["", "scalar_"] {
+        let properties: String = [
+            "reflectance_red",
+            "reflectance_green",
+            "reflectance_blue",
+            "emission_red",
+            "emission_green",
+            "emission_blue",
+            "nx",
+            "ny",
+            "nz",
+            "area",
+            "radius",
+        ]
+        .map(|name| format!("property float {prefix}{name}\n"))
+        .concat();
+        // The exact reflectance goes before the colour, the area before the radius.
+        let colour = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+        let cloud = read(&two_points(
+            &(properties + colour),
+            "0.25 0.5 1 0 7 1e4 0 0 2 0.125 5 1 2 3",
+            "0 0 0 0 0 0 1 0 0 1 5 1 2 3",
+        ))
+        .unwrap();
+        assert_eq!(cloud.reflectance[0], Vec3::new(0.25, 0.5, 1.0));
+        assert_eq!(cloud.emission[0], Vec3::new(0.0, 7.0, 1e4));
+        assert_eq!(cloud.normals, [Vec3::Z * 2.0, Vec3::X]);
+        assert_eq!(cloud.areas, [0.125, 1.0]);
+        assert!(cloud.repairs.is_empty());
+    }
+}
+
+#[test]
+fn colours_follow_their_type() {
+    let colour = |kind: &str, values: &str| {
+        let extra = ["red", "green", "blue"].map(|name| format!("property {kind} {name}\n"));
+        let cloud = read(&two_points(&extra.concat(), values, values)).unwrap();
+        (cloud.reflectance[0], cloud.repairs)
+    };
+    let (ushort, _) = colour("ushort", "65535 0 48316");
+    assert!((ushort - Vec3::new(0.9, 0.0, 0.502_886)).length() < 1e-4);
+    let (float, _) = colour("float", "1 0 0.5");
+    assert_eq!(
+        float,
+        Vec3::new(1.0, 0.0, 0.5),
+        "float colours are linear and not capped"
+    );
+    let (int, repairs) = colour("int", "1 2 3");
+    assert_eq!(int, Vec3::splat(0.5));
+    assert!(repairs[0].contains("only uchar, ushort and float"));
+    let none = read(&two_points("", "", "")).unwrap();
+    assert_eq!(none.reflectance, [Vec3::splat(0.5); 2]);
+}
+
+#[test]
+fn repairs_are_made_and_counted() {
+    let properties = [
+        "reflectance_red",
+        "reflectance_green",
+        "reflectance_blue",
+        "emission_red",
+        "emission_green",
+        "emission_blue",
+        "radius",
+    ]
+    .map(|name| format!("property float {name}\n"))
+    .concat();
+    let cloud = read(&two_points(
+        &properties,
+        "nan 2 -1 -3 nan 1 -2",
+        "0 0 0 inf 0 0 nan",
+    ))
+    .unwrap();
+    assert_eq!(cloud.reflectance[0], Vec3::new(0.5, 1.0, 0.0));
+    assert_eq!(cloud.emission, [Vec3::Z, Vec3::ZERO]);
+    assert_eq!(cloud.areas, [0.0; 2]);
+    assert_eq!(
+        cloud.repairs,
+        [
+            "1 reflectances that are no number set to 0.5",
+            "1 reflectances outside [0, 1] clamped",
+            "2 emissions that are negative or no number set to 0",
+            "2 areas that are no positive number estimated anew",
+        ]
+    );
+
+    // Points without a place stay: every point of the input is in the output.
+    let cloud = read(&ascii(&format!(
+        "element vertex 2\n{XYZ}end_header\nnan 0 0\n0 inf 0"
+    )))
+    .unwrap();
+    assert_eq!(cloud.len(), 2);
+    assert!(cloud.positions[0].x.is_nan() && cloud.repairs.is_empty());
+
+    let half = read(&two_points("property float nx\n", "1", "1")).unwrap();
+    assert_eq!(half.repairs, ["nx ny nz left out: not all three are there"]);
+}
+
+#[test]
+fn blocks_join_without_a_seam() {
+    // Several blocks of 4 MiB, whose ends fall inside rows.
+    let n = 700_000;
+    let place = |i: usize| DVec3::new(i as f64, 0.5 * i as f64, -(i as f64));
+    let header = |encoding: &str| {
+        format!(
+            "ply\nformat {encoding} 1.0\nelement vertex {n}\n{XYZ}property uchar pad\nend_header\n"
+        )
+    };
+    let mut text = header("ascii");
+    let mut binary = header("binary_little_endian").into_bytes();
+    for p in (0..n).map(place) {
+        text += &format!("{} {} {} 0\n", p.x, p.y, p.z);
+        for x in p.to_array() {
+            binary.extend((x as f32).to_le_bytes());
+        }
+        binary.push(0);
+    }
+    let expected: Vec<DVec3> = (0..n).map(place).collect();
+    assert!(read(&binary).unwrap().positions == expected);
+    assert!(read(text.as_bytes()).unwrap().positions == expected);
+    let broken = text.replace("\n650000 ", "\nx ");
+    assert!(error(broken.as_bytes()).contains("line 650009: \"x\" is no number"));
+}
