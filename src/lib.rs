@@ -6,6 +6,7 @@ pub mod map;
 pub mod math;
 pub mod points;
 pub mod progress;
+pub mod render;
 pub mod scene;
 pub mod visibility;
 
