@@ -280,6 +280,28 @@ fn a_wall_is_seen_from_its_front() {
 }
 
 #[test]
+fn up_follows_the_stated_rule() {
+    // A closed tunnel along z, and a dome without its underside; both have y up.
+    let long = DVec3::new(1.0, 1.0, 5.0);
+    let mut tunnel = Lit::sphere(4000, -1.0).map_positions(|p| p * long);
+    tunnel.map.radius.iter_mut().for_each(|r| *r *= 2.5);
+    tunnel.cloud.areas.iter_mut().for_each(|a| *a *= 6.0);
+    let camera = tunnel.fit(1.0);
+    assert!((camera.position / long).length() < 1.0, "{camera:?}");
+    assert_eq!(camera.up, DVec3::Y);
+
+    let sphere = Lit::sphere(2000, 1.0);
+    let mut dome = Lit::default();
+    for (p, n) in sphere.cloud.positions.iter().zip(&sphere.cloud.normals) {
+        if p.y > -0.8 {
+            dome.add(*p, *n, 0.045, RED);
+        }
+    }
+    assert_eq!(dome.fit(1.0).up, DVec3::Y);
+    assert_eq!(sphere.fit(1.0).up, DVec3::Z);
+}
+
+#[test]
 fn poor_clouds_still_get_a_camera() {
     let offset = DVec3::new(500_000.0, 5_000_000.0, 100.0);
     let same = |_: usize| offset;

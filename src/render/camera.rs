@@ -19,20 +19,22 @@ const PROBES: usize = 64;
 /// Part of the probes that must be blocked where the cloud closes around a place. A scan has
 /// holes (windows, the scanner's own shadow), so it is not 1.
 const ENCLOSED: f64 = 0.9;
+/// Free distance wanted around the camera inside, in diagonals of the cloud's box.
+const CLEARANCE: f64 = 0.03;
 /// Part of what the best side shows that is enough for a side that is liked better.
 const ENOUGH: f64 = 0.75;
 /// Points that may stick out of an edge of the frame, one in so many: a stray must not shrink the
 /// rest.
 const STRAYS: usize = 500;
-/// Points that the frame is fitted to.
+/// Points that frame and clearance are taken from.
 const FRAMED: usize = 1 << 16;
 
 /// A camera that shows the cloud well.
 ///
 /// Where the cloud closes around most places before its surfels, the camera stands inside, at the
-/// place that sees most surfels from their front, and looks along the longest views. Otherwise it
-/// stands outside, front and right and a little above if that shows about as much as the other
-/// sides do, and as near as the frame allows.
+/// place and in the direction that show most surfels from their front. Otherwise it stands outside,
+/// as near as the frame allows: front and right and a little above, if that shows nearly as much as
+/// the best side does.
 ///
 /// Up is z, as scanners have it; it is y in two cases: a closed cloud less than a third as high in
 /// y as in z (a tunnel along z), and an open one whose mean normal leans to +y, for what a scan of
@@ -52,26 +54,18 @@ pub fn fit(
         )));
     }
     let (origin, positions) = if surfels.is_empty() {
-        let mut points = cloud.positions.iter().filter(|p| p.is_finite());
+        let points = cloud.positions.iter().filter(|p| p.is_finite());
         let origin = points.clone().next().copied().unwrap_or_default();
-        (origin, points.by_ref().map(|&p| p - origin).collect())
+        (origin, points.map(|&p| p - origin).collect())
     } else {
         let positions: Vec<DVec3> = surfels.positions.iter().map(|p| p.as_dvec3()).collect();
         (surfels.origin, positions)
     };
-    if positions.is_empty() {
+    let Some(&first) = positions.first() else {
         return Err(Error::Invalid("there is no point to look at".into()));
-    }
-    let low = positions
-        .iter()
-        .copied()
-        .reduce(DVec3::min)
-        .unwrap_or_default();
-    let high = positions
-        .iter()
-        .copied()
-        .reduce(DVec3::max)
-        .unwrap_or_default();
+    };
+    let low = positions.iter().copied().fold(first, DVec3::min);
+    let high = positions.iter().copied().fold(first, DVec3::max);
     let area = surfels.areas.iter().copied().fold(0.0, f32::max);
     let extent = high - low;
     // A single point has the size of its disc; nothing is smaller than what its coordinates tell.
@@ -142,6 +136,13 @@ impl<'a> Sight<'a> {
         Ok(seen)
     }
 
+    /// Distance from a place to the nearest surfel.
+    fn clearance(&self, place: Vec3) -> f64 {
+        let distances = spread(self.surfels.len(), FRAMED)
+            .map(|i| self.surfels.positions[i].distance_squared(place));
+        f64::from(distances.fold(f32::INFINITY, f32::min)).sqrt()
+    }
+
     /// For each place, the part of all directions in which something stands within `reach`.
     fn blocked(&self, places: &[Vec3], reach: f32) -> Result<Vec<f64>> {
         let segments: Vec<Segment> = places
@@ -202,45 +203,44 @@ fn inside(sight: &Sight, extent: DVec3, size: f64) -> Result<Option<Camera>> {
     if 2 * blocked.len() <= places.len() {
         return Ok(None);
     }
-    let seen = sight.seen(&enclosed)?;
-    let Some(best) = (0..enclosed.len()).rev().max_by_key(|&k| seen[k].len()) else {
-        return Ok(None);
-    };
-    let place = enclosed[best].as_dvec3();
-    let views: Vec<DVec3> = seen[best]
-        .iter()
-        .map(|&i| sight.surfels.positions[i].as_dvec3() - place)
-        .collect();
-
-    // Level or a little down, where the views within the frame are longest in sum.
+    // What the frame shows, counted in surfels; less if something stands right before the lens.
     let up = if 3.0 * extent.y < extent.z {
         DVec3::Y
     } else {
         DVec3::Z
     };
-    let frame = (0.5 * FOV_INSIDE).to_radians().cos();
-    let directions =
-        (0..32).flat_map(|k| [0.0, -12.0].map(|pitch| turn(up, k as f64 * 11.25, pitch)));
-    let length = |direction: DVec3| -> f64 {
-        let inside = views
+    let edge = (0.5 * FOV_INSIDE).to_radians().cos();
+    let mut best: (f64, Option<Camera>) = (0.0, None);
+    for (place, seen) in enclosed.iter().zip(sight.seen(&enclosed)?) {
+        let clearance = sight.clearance(*place) / (CLEARANCE * size);
+        let place = place.as_dvec3();
+        let views: Vec<DVec3> = seen
             .iter()
-            .filter(|v| v.dot(direction) > frame * v.length());
-        inside.map(|v| v.length()).sum()
-    };
-    let mut longest = (DVec3::ZERO, 0.0);
-    for direction in directions {
-        let length = length(direction);
-        if length > longest.1 {
-            longest = (direction, length);
+            .map(|&i| sight.surfels.positions[i].as_dvec3() - place)
+            .collect();
+        for (azimuth, pitch) in (0..32).flat_map(|k| [0.0, -12.0, -24.0].map(|pitch| (k, pitch))) {
+            let direction = turn(up, f64::from(azimuth) * 11.25, pitch);
+            let (mut shown, mut along) = (0.0, 0.0);
+            for view in &views {
+                if view.dot(direction) > edge * view.length() {
+                    shown += 1.0;
+                    along += view.dot(direction);
+                }
+            }
+            let score = shown * clearance.min(1.0);
+            if score > best.0 {
+                let look_at = place + direction * (along / shown);
+                let camera = Camera {
+                    position: place,
+                    look_at,
+                    up,
+                    fov: FOV_INSIDE,
+                };
+                best = (score, Some(camera));
+            }
         }
     }
-    let (direction, length) = longest;
-    Ok((length > 0.0).then(|| Camera {
-        position: place,
-        look_at: place + direction * (length / views.len() as f64),
-        up,
-        fov: FOV_INSIDE,
-    }))
+    Ok(best.1)
 }
 
 /// The camera outside, relative to the origin.
