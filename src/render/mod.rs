@@ -1,3 +1,11 @@
-//! The picture of a lit cloud.
+//! The picture of a lit cloud: a camera that fits it, surfels as discs with depth, PNG bytes.
 
+pub mod camera;
+mod image;
+mod splat;
 pub mod tone;
+mod view;
+
+pub use self::image::{Image, encode_png};
+pub use camera::fit;
+pub use splat::picture;
