@@ -27,7 +27,10 @@ pub(super) struct Cave {
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a table with the keys start, radius, length, columns"
+)]
 struct RawCave {
     start: Vector,
     radius: Length,

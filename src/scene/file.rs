@@ -13,7 +13,7 @@ use crate::points::DEFAULT_REFLECTANCE;
 
 /// A scene file. `scenes/cornell.toml` explains the keys.
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a scene")]
 pub(super) struct SceneFile {
     pub points: Option<Count>,
     pub tolerance: Option<Tolerance>,
@@ -30,7 +30,7 @@ pub(super) struct SceneFile {
 
 /// `[[cloud]]`: points of a scan, scaled, then turned, then moved.
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table with the key file")]
 pub(super) struct CloudTable {
     /// Relative to the folder of the scene file.
     pub file: PathBuf,
@@ -47,7 +47,10 @@ pub(super) struct CloudTable {
 
 /// `[[light]]`
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a table with the keys position, intensity"
+)]
 pub(super) struct LightTable {
     position: Vector,
     intensity: Light,
@@ -68,7 +71,10 @@ impl From<&LightTable> for PointLight {
 pub(super) struct CameraTable(pub Camera);
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a table with the keys position, look_at"
+)]
 struct RawCamera {
     position: Vector,
     look_at: Vector,
@@ -123,7 +129,10 @@ enum Geometry {
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a table with one of the keys quad, box, sphere, cave"
+)]
 struct RawShape {
     quad: Option<Quad>,
     r#box: Option<Block>,

@@ -69,8 +69,7 @@ fn no_points_wanted(path: &Path, options: &SceneOptions) -> Result<()> {
 
 fn load_scene_file(path: &Path, options: &SceneOptions, progress: &dyn Progress) -> Result<Scene> {
     let text = read_text(path)?;
-    let file: SceneFile =
-        toml::from_str(&text).map_err(|e| Error::input(path, e.to_string().trim_end()))?;
+    let file: SceneFile = toml::from_str(&text).map_err(|e| Error::input(path, in_words(&e)))?;
     if file.shape.is_empty() && file.cloud.is_empty() {
         return Err(Error::input(
             path,
@@ -120,6 +119,22 @@ fn read_text(path: &Path) -> Result<String> {
             format!("not a text file in UTF-8: {}", e.utf8_error()),
         )
     })
+}
+
+/// The parser's message, which shows the line, in the words of the file's writer.
+fn in_words(error: &toml::de::Error) -> String {
+    let mut text = error.to_string().trim_end().to_string();
+    for (theirs, ours) in [
+        ("TOML parse error at line", "line"),
+        ("unknown field", "unknown key"),
+        ("missing field", "missing key"),
+        ("expected i64", "expected a whole number"),
+        ("expected f64", "expected a number"),
+        ("expected a sequence", "expected a list of numbers"),
+    ] {
+        text = text.replace(theirs, ours);
+    }
+    text
 }
 
 /// Refuses a number of points before anything is allocated for it.

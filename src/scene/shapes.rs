@@ -18,7 +18,7 @@ pub(super) struct Quad {
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table with the keys corner, u, v")]
 struct RawQuad {
     corner: Vector,
     u: Vector,
@@ -28,7 +28,7 @@ struct RawQuad {
 
 /// A parallelogram to leave out, by the distances along the two edges.
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table with the keys u, v")]
 struct Hole {
     u: Interval,
     v: Interval,
@@ -161,7 +161,7 @@ impl Face {
 
 /// A box: a block seen from outside, which is solid, or a room seen from inside.
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table with the keys centre, size")]
 pub(super) struct Block {
     centre: Vector,
     size: Size,
@@ -240,7 +240,10 @@ pub(super) struct Sphere {
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a table with the keys centre, radius"
+)]
 struct RawSphere {
     centre: Vector,
     radius: Length,
@@ -279,7 +282,11 @@ impl Sphere {
 
     /// Distance of the surface from the centre in a direction of unit length.
     fn reach(&self, w: DVec3) -> f64 {
-        self.radius * (1.0 + self.bumps * bumps(w))
+        if self.bumps == 0.0 {
+            self.radius
+        } else {
+            self.radius * (1.0 + self.bumps * bumps(w))
+        }
     }
 }
 

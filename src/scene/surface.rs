@@ -69,3 +69,39 @@ impl Model {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::file::SceneFile;
+    use super::super::sample::{AreaTable, sample};
+    use super::*;
+    use crate::progress::Silent;
+
+    #[test]
+    fn every_part_bounds_its_solid_and_faces_away_from_it() {
+        let text = r#"
+            [[shape]]
+            box = { centre = [1, 2, 3], size = [1, 2, 3], rotate = [10, 20, 30] }
+            [[shape]]
+            sphere = { centre = [1, 2, 3], radius = 2 }
+            [[shape]]
+            sphere = { centre = [1, 2, 3], radius = 2, bumps = 0.8 }
+            [[shape]]
+            cave = { start = [1, 2, 3], radius = 2, length = 16, columns = 7 }
+        "#;
+        let file: SceneFile = toml::from_str(text).unwrap();
+        let mut model = Model::default();
+        file.shape.iter().for_each(|shape| shape.build(&mut model));
+        assert_eq!(model.parts.len(), 6 + 1 + 1 + 3 + 7);
+        for part in &model.parts {
+            let solid = &model.solids[part.solid.unwrap()];
+            let table = AreaTable::new(&*part.surface);
+            for s in sample(&*part.surface, &table, 2_000, 1, &Silent).unwrap() {
+                let out = if part.flipped { -s.normal } else { s.normal };
+                let step = out * 1e-6 * solid.size();
+                assert!(solid.contains(s.position - step), "{part:?}");
+                assert!(!solid.contains(s.position + step), "{part:?}");
+            }
+        }
+    }
+}
