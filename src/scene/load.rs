@@ -5,10 +5,9 @@ use std::io::Read;
 use std::path::Path;
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use super::file::{CloudTable, SceneFile};
-use super::sample::{AreaTable, hash, sample};
+use super::sample::sample_model;
 use super::surface::Model;
 use super::{Scene, SceneOptions};
 use crate::error::{Error, Result};
@@ -80,6 +79,10 @@ fn load_scene_file(path: &Path, options: &SceneOptions, progress: &dyn Progress)
     let mut cloud = PointCloud::default();
     if file.shape.is_empty() {
         no_points_wanted(path, options)?;
+        if file.points.is_some() {
+            let message = "points: there is no [[shape]] to put them on";
+            return Err(Error::input(path, message));
+        }
     } else {
         let mut model = Model::default();
         file.shape.iter().for_each(|shape| shape.build(&mut model));
@@ -158,92 +161,6 @@ fn check_size(path: &Path, count: usize) -> Result<()> {
     }
 }
 
-/// Spreads `count` points over the model and removes the covered ones.
-fn sample_model(
-    path: &Path,
-    model: &Model,
-    count: usize,
-    seed: u64,
-    progress: &dyn Progress,
-) -> Result<PointCloud> {
-    let parts = &model.parts;
-    if parts.is_empty() {
-        return Err(Error::input(path, "all faces of all shapes are left out"));
-    }
-    if count < parts.len() {
-        return Err(Error::Usage(format!(
-            "{}: {count} points are too few for {} surfaces",
-            path.display(),
-            parts.len()
-        )));
-    }
-    progress.stage("sampling shapes", count as u64);
-    let tables = parts
-        .par_iter()
-        .map(|part| {
-            progress.check()?;
-            Ok(AreaTable::new(&*part.surface))
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let areas: Vec<f64> = tables.iter().map(AreaTable::area).collect();
-
-    let mut cloud = PointCloud::default();
-    let mut covered = 0;
-    for (i, (part, share)) in parts.iter().zip(shares(&areas, count)).enumerate() {
-        let mut samples = sample(
-            &*part.surface,
-            &tables[i],
-            share,
-            hash(seed, i as u64),
-            progress,
-        )?;
-        if part.flipped {
-            samples.iter_mut().for_each(|s| s.normal = -s.normal);
-        }
-        let visible: Vec<bool> = samples
-            .par_iter()
-            .map(|s| !model.covered(part, s.position, s.normal))
-            .collect();
-        for (s, _) in samples.iter().zip(visible).filter(|(_, visible)| *visible) {
-            cloud.positions.push(s.position);
-            cloud.normals.push(s.normal.as_vec3());
-        }
-        let len = cloud.len();
-        covered += share - (len - cloud.areas.len());
-        cloud.areas.resize(len, (areas[i] / share as f64) as f32);
-        cloud.reflectance.resize(len, part.material.reflectance);
-        cloud.emission.resize(len, part.material.emission);
-    }
-    if cloud.is_empty() {
-        return Err(Error::input(path, "all shapes lie inside each other"));
-    }
-    if covered > 0 {
-        progress.note(&format!(
-            "{covered} of {count} points removed: inside another shape"
-        ));
-    }
-    Ok(cloud)
-}
-
-/// Splits `count` points by area: whole numbers, none zero, that add up to it. There must be no
-/// more areas than points.
-fn shares(areas: &[f64], count: usize) -> Vec<usize> {
-    let total: f64 = areas.iter().sum();
-    let mut below = 0.0;
-    let mut given = 0;
-    let mut shares = Vec::with_capacity(areas.len());
-    for (i, area) in areas.iter().enumerate() {
-        below += area;
-        // Rounding the running total keeps the sum.
-        let up_to_here = (count as f64 * (below / total)).round() as usize;
-        let still_to_come = areas.len() - 1 - i;
-        let up_to_here = up_to_here.clamp(given + 1, count - still_to_come);
-        shares.push(up_to_here - given);
-        given = up_to_here;
-    }
-    shares
-}
-
 fn load_cloud(
     scene_file: &Path,
     table: &CloudTable,
@@ -260,7 +177,12 @@ fn load_cloud(
     }
     let folder = scene_file.parent().unwrap_or(Path::new("."));
     let mut cloud = read_scan(&folder.join(&table.file), progress)?;
+    place(&mut cloud, table);
+    Ok(cloud)
+}
 
+/// Scales, turns and moves a cloud, and gives it its material.
+fn place(cloud: &mut PointCloud, table: &CloudTable) {
     let scale = table.scale.map_or(1.0, |s| s.0);
     let turn = table.rotate.0;
     for p in &mut cloud.positions {
@@ -276,7 +198,6 @@ fn load_cloud(
     if let Some(emission) = table.emission {
         cloud.emission = vec![emission.0; cloud.len()];
     }
-    Ok(cloud)
 }
 
 fn read_scan(path: &Path, _progress: &dyn Progress) -> Result<PointCloud> {
@@ -319,4 +240,58 @@ fn append(cloud: &mut PointCloud, more: PointCloud) {
     }
     cloud.positions.extend(more.positions);
     cloud.repairs.extend(more.repairs);
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::dvec3;
+
+    use super::*;
+
+    fn one_point() -> PointCloud {
+        PointCloud {
+            positions: vec![dvec3(1.0, 2.0, 3.0)],
+            normals: vec![Vec3::Z],
+            areas: vec![0.5],
+            reflectance: vec![Vec3::splat(0.2)],
+            emission: vec![Vec3::ZERO],
+            repairs: vec!["1 repair".into()],
+        }
+    }
+
+    #[test]
+    fn a_cloud_is_scaled_then_turned_then_moved() {
+        let table: CloudTable = toml::from_str(
+            "file = 'a.ply'\nscale = 2\nrotate = [90, 0, 90]\ntranslate = [10, 0, 0]\nemission = 3",
+        )
+        .unwrap();
+        let mut cloud = one_point();
+        place(&mut cloud, &table);
+        // (2, 4, 6) about x: (2, -6, 4); about z: (6, 2, 4).
+        assert!((cloud.positions[0] - dvec3(16.0, 2.0, 4.0)).length() < 1e-12);
+        assert!((cloud.normals[0] - Vec3::X).length() < 1e-6);
+        assert_eq!(cloud.areas, [2.0]);
+        assert_eq!(cloud.reflectance, [Vec3::splat(0.2)]);
+        assert_eq!(cloud.emission, [Vec3::splat(3.0)]);
+    }
+
+    #[test]
+    fn clouds_with_different_properties_are_joined() {
+        let bare = PointCloud {
+            positions: vec![dvec3(7.0, 8.0, 9.0)],
+            ..PointCloud::default()
+        };
+        let mut cloud = PointCloud::default();
+        append(&mut cloud, one_point());
+        assert_eq!(cloud.areas, [0.5]);
+        append(&mut cloud, bare);
+        append(&mut cloud, one_point());
+        assert_eq!(cloud.len(), 3);
+        assert_eq!(cloud.normals, [Vec3::Z, Vec3::ZERO, Vec3::Z]);
+        let reflectance = [0.2, DEFAULT_REFLECTANCE, 0.2].map(Vec3::splat);
+        assert_eq!(cloud.reflectance, reflectance);
+        assert_eq!(cloud.emission, [Vec3::ZERO; 3]);
+        assert!(cloud.areas.is_empty());
+        assert_eq!(cloud.repairs.len(), 2);
+    }
 }

@@ -4,14 +4,103 @@
 //! strata of exactly equal area along u. A stratum holds one point, in the middle half of its
 //! extent both ways, so that points keep a distance from each other.
 
+use std::path::Path;
+
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use rayon::prelude::*;
 
-use super::surface::Surface;
-use crate::error::Result;
+use super::surface::{Model, Surface};
+use crate::error::{Error, Result};
+use crate::points::PointCloud;
 use crate::progress::Progress;
+
+/// Spreads `count` points over the model and removes the covered ones.
+pub(super) fn sample_model(
+    path: &Path,
+    model: &Model,
+    count: usize,
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<PointCloud> {
+    let parts = &model.parts;
+    if parts.is_empty() {
+        return Err(Error::input(path, "all faces of all shapes are left out"));
+    }
+    if count < parts.len() {
+        return Err(Error::Usage(format!(
+            "{}: {count} points are too few for {} surfaces",
+            path.display(),
+            parts.len()
+        )));
+    }
+    progress.stage("sampling shapes", count as u64);
+    let tables = parts
+        .par_iter()
+        .map(|part| {
+            progress.check()?;
+            Ok(AreaTable::new(&*part.surface))
+        })
+        .collect::<Result<Vec<_>>>()?;
+    let areas: Vec<f64> = tables.iter().map(AreaTable::area).collect();
+
+    let mut cloud = PointCloud::default();
+    let mut covered = 0;
+    for (i, (part, share)) in parts.iter().zip(shares(&areas, count)).enumerate() {
+        let mut samples = sample(
+            &*part.surface,
+            &tables[i],
+            share,
+            hash(seed, i as u64),
+            progress,
+        )?;
+        if part.flipped {
+            samples.iter_mut().for_each(|s| s.normal = -s.normal);
+        }
+        let visible: Vec<bool> = samples
+            .par_iter()
+            .map(|s| !model.covered(part, s.position, s.normal))
+            .collect();
+        for (s, _) in samples.iter().zip(visible).filter(|(_, visible)| *visible) {
+            cloud.positions.push(s.position);
+            cloud.normals.push(s.normal.as_vec3());
+        }
+        let len = cloud.len();
+        covered += share - (len - cloud.areas.len());
+        cloud.areas.resize(len, (areas[i] / share as f64) as f32);
+        cloud.reflectance.resize(len, part.material.reflectance);
+        cloud.emission.resize(len, part.material.emission);
+    }
+    if cloud.is_empty() {
+        return Err(Error::input(path, "all shapes lie inside each other"));
+    }
+    if covered > 0 {
+        progress.note(&format!(
+            "{covered} of {count} points removed: inside another shape"
+        ));
+    }
+    Ok(cloud)
+}
+
+/// Splits `count` points by area: whole numbers, none zero, that add up to it. There must be no
+/// more areas than points.
+fn shares(areas: &[f64], count: usize) -> Vec<usize> {
+    let total: f64 = areas.iter().sum();
+    let mut below = 0.0;
+    let mut given = 0;
+    let mut shares = Vec::with_capacity(areas.len());
+    for (i, area) in areas.iter().enumerate() {
+        below += area;
+        // Rounding the running total keeps the sum.
+        let up_to_here = (count as f64 * (below / total)).round() as usize;
+        let still_to_come = areas.len() - 1 - i;
+        let up_to_here = up_to_here.clamp(given + 1, count - still_to_come);
+        shares.push(up_to_here - given);
+        given = up_to_here;
+    }
+    shares
+}
 
 /// A place on a surface and ∂f/∂u × ∂f/∂v there, of unit length.
 pub(super) struct Sample {
@@ -150,7 +239,7 @@ pub(super) fn sample(
 }
 
 /// Mixes two numbers into one seed (the finaliser of SplitMix64).
-pub(super) fn hash(a: u64, b: u64) -> u64 {
+fn hash(a: u64, b: u64) -> u64 {
     let mut x = a.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ b.wrapping_add(0xD1B5_4A32_D192_ED03);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);

@@ -7,7 +7,7 @@ use glam::{DQuat, DVec3};
 use serde::Deserialize;
 
 use super::surface::{Material, Model, Part, Solid, Surface};
-use super::values::{Interval, Length, Reflectance, Rotation, Size, Vector};
+use super::values::{Interval, Length, Reflectance, Rotation, SMALLEST, Size, Vector};
 
 /// A parallelogram, seen from the side that u × v points to.
 #[derive(Debug, Deserialize)]
@@ -44,7 +44,8 @@ impl TryFrom<RawQuad> for Quad {
             v: raw.v.0,
         };
         let lengths = [whole.u.length(), whole.v.length()];
-        if whole.u.cross(whole.v).length() <= 1e-9 * lengths[0] * lengths[1] {
+        let area = whole.u.cross(whole.v).length();
+        if lengths.iter().any(|&l| l < SMALLEST) || area <= 1e-9 * lengths[0] * lengths[1] {
             return Err("the edges u and v of a quad must span an area".into());
         }
         let Some(hole) = raw.hole else {

@@ -10,7 +10,7 @@ use serde::de::{Deserializer, Error, SeqAccess, Visitor};
 /// Largest coordinate or length, so that areas and volumes stay finite.
 const LARGEST: f64 = 1e12;
 /// Smallest length.
-const SMALLEST: f64 = 1e-12;
+pub(super) const SMALLEST: f64 = 1e-12;
 
 /// A position or direction.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
