@@ -36,25 +36,21 @@ pub(super) fn sample_model(
         )));
     }
     progress.stage("sampling shapes", count as u64);
-    let tables = parts
+    // The tables are made twice, so that many shapes need no more memory than one.
+    let areas = parts
         .par_iter()
         .map(|part| {
             progress.check()?;
-            Ok(AreaTable::new(&*part.surface))
+            Ok(AreaTable::new(&*part.surface).area())
         })
-        .collect::<Result<Vec<_>>>()?;
-    let areas: Vec<f64> = tables.iter().map(AreaTable::area).collect();
+        .collect::<Result<Vec<f64>>>()?;
 
     let mut cloud = PointCloud::default();
     let mut covered = 0;
     for (i, (part, share)) in parts.iter().zip(shares(&areas, count)).enumerate() {
-        let mut samples = sample(
-            &*part.surface,
-            &tables[i],
-            share,
-            hash(seed, i as u64),
-            progress,
-        )?;
+        let surface = &*part.surface;
+        let seed = hash(seed, i as u64);
+        let mut samples = sample(surface, share, seed, progress)?;
         if part.flipped {
             samples.iter_mut().for_each(|s| s.normal = -s.normal);
         }
@@ -109,7 +105,7 @@ pub(super) struct Sample {
 }
 
 /// How the area of a surface is spread over its parameters, as a table.
-pub(super) struct AreaTable {
+struct AreaTable {
     /// Area below v at the edges of the cells along v, for each cell along u: row by row.
     below: Vec<f64>,
     /// Cells along u and v.
@@ -121,7 +117,7 @@ pub(super) struct AreaTable {
 }
 
 impl AreaTable {
-    pub fn new(surface: &dyn Surface) -> Self {
+    fn new(surface: &dyn Surface) -> Self {
         let [nu, nv] = surface.cells();
         let mut below = vec![0.0; nu];
         let mut rows = vec![0.0];
@@ -149,7 +145,7 @@ impl AreaTable {
         }
     }
 
-    pub fn area(&self) -> f64 {
+    fn area(&self) -> f64 {
         self.rows[self.cells[1]]
     }
 
@@ -194,11 +190,11 @@ fn invert(values: &[f64], value: f64) -> f64 {
 /// Exactly `count` points on a surface; the same for a `seed`, whatever the number of threads.
 pub(super) fn sample(
     surface: &dyn Surface,
-    table: &AreaTable,
     count: usize,
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<Sample>> {
+    let table = AreaTable::new(surface);
     let spacing = (table.area() / count as f64).sqrt();
     let rows = ((table.height() / spacing).round() as usize).clamp(1, count);
     // The number of points below each row's lower edge; then the rows are moved a little, so that

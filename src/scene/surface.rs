@@ -73,7 +73,7 @@ impl Model {
 #[cfg(test)]
 mod tests {
     use super::super::file::SceneFile;
-    use super::super::sample::{AreaTable, sample};
+    use super::super::sample::sample;
     use super::*;
     use crate::progress::Silent;
 
@@ -95,8 +95,7 @@ mod tests {
         assert_eq!(model.parts.len(), 6 + 1 + 1 + 3 + 7);
         for part in &model.parts {
             let solid = &model.solids[part.solid.unwrap()];
-            let table = AreaTable::new(&*part.surface);
-            for s in sample(&*part.surface, &table, 2_000, 1, &Silent).unwrap() {
+            for s in sample(&*part.surface, 2_000, 1, &Silent).unwrap() {
                 let out = if part.flipped { -s.normal } else { s.normal };
                 let step = out * 1e-6 * solid.size();
                 assert!(solid.contains(s.position - step), "{part:?}");
