@@ -1,4 +1,4 @@
-//! How much memory the process took.
+//! How much memory the process took, and how much there is.
 
 /// Largest resident size of this process so far, in bytes; `None` where the system does not tell.
 #[cfg(unix)]
@@ -24,4 +24,13 @@ pub fn peak_bytes() -> Option<u64> {
 #[cfg(not(unix))]
 pub fn peak_bytes() -> Option<u64> {
     None
+}
+
+/// Bytes of memory that can be taken without swapping, where the system tells (Linux), otherwise
+/// `None`.
+pub fn available() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kib * 1024)
 }

@@ -1,4 +1,12 @@
-//! What is to be lit: points, lights, camera.
+//! What is to be lit: points, lights, camera; read from a scene file, a scan, or both.
+
+mod cave;
+mod file;
+mod load;
+mod sample;
+mod shapes;
+mod surface;
+mod values;
 
 use glam::{DVec3, Vec3};
 
@@ -34,4 +42,13 @@ pub struct Scene {
     pub camera: Option<Camera>,
     /// Tolerance of the scene file.
     pub tolerance: Option<f64>,
+}
+
+/// What the caller of [`Scene::load`] can set.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SceneOptions {
+    /// Points to put on the built-in shapes; `None` takes the scene file's number, or 20000.
+    pub points: Option<usize>,
+    /// Moves the points of built-in shapes within their strata; the shapes stay what they are.
+    pub seed: u64,
 }

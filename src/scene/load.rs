@@ -1,0 +1,297 @@
+//! From a file to a scene.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use glam::Vec3;
+
+use super::file::{CloudTable, SceneFile};
+use super::sample::sample_model;
+use super::surface::Model;
+use super::{Scene, SceneOptions};
+use crate::error::{Error, Result};
+use crate::memory;
+use crate::points::{DEFAULT_REFLECTANCE, PointCloud};
+use crate::progress::Progress;
+
+/// Points on built-in shapes when nobody says how many.
+const DEFAULT_POINTS: usize = 20_000;
+/// Bytes that a sampled point takes while a scene is made.
+const BYTES_PER_POINT: u64 = 160;
+/// No scene file is longer; a scan under the wrong name is.
+const LONGEST_FILE: u64 = 16 << 20;
+
+impl Scene {
+    /// Reads a scene file (`.toml`), or a scan as a scene without lights.
+    ///
+    /// Built-in shapes share the number of points by area. A shape's points all have the same
+    /// area; the sum is exact. Points that lie inside another solid shape or where two touch face
+    /// to face are removed, so the cloud can have fewer points than were asked for. The order of
+    /// the points is that of the file: shapes, then scans.
+    ///
+    /// # Errors
+    /// [`Error::Input`] and [`Error::Io`] name the file, the line and what is wrong;
+    /// [`Error::Usage`] when a number of points is asked for that cannot be;
+    /// [`Error::TooLarge`] before more points are made than memory holds.
+    pub fn load(path: &Path, options: &SceneOptions, progress: &dyn Progress) -> Result<Scene> {
+        if options.points == Some(0) {
+            return Err(Error::Usage("0 points: a scene needs at least 1".into()));
+        }
+        if is_scene_file(path) {
+            load_scene_file(path, options, progress)
+        } else {
+            no_points_wanted(path, options)?;
+            Ok(Scene {
+                cloud: read_scan(path, progress)?,
+                ..Scene::default()
+            })
+        }
+    }
+}
+
+fn is_scene_file(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("toml"))
+}
+
+/// A number of points says how finely shapes are sampled; scans are not resampled.
+fn no_points_wanted(path: &Path, options: &SceneOptions) -> Result<()> {
+    match options.points {
+        None => Ok(()),
+        Some(_) => Err(Error::Usage(format!(
+            "{}: the number of points can be chosen only for built-in shapes, not for a scan",
+            path.display()
+        ))),
+    }
+}
+
+fn load_scene_file(path: &Path, options: &SceneOptions, progress: &dyn Progress) -> Result<Scene> {
+    let text = read_text(path)?;
+    let file: SceneFile = toml::from_str(&text).map_err(|e| Error::input(path, in_words(&e)))?;
+    if file.shape.is_empty() && file.cloud.is_empty() {
+        return Err(Error::input(
+            path,
+            "nothing to light: a scene needs a [[shape]] or a [[cloud]]",
+        ));
+    }
+
+    let mut cloud = PointCloud::default();
+    if file.shape.is_empty() {
+        no_points_wanted(path, options)?;
+        if file.points.is_some() {
+            let message = "points: there is no [[shape]] to put them on";
+            return Err(Error::input(path, message));
+        }
+    } else {
+        let mut model = Model::default();
+        file.shape.iter().for_each(|shape| shape.build(&mut model));
+        let in_file = file.points.map(|n| n.0);
+        let count = options.points.or(in_file).unwrap_or(DEFAULT_POINTS);
+        check_size(path, count)?;
+        cloud = sample_model(path, &model, count, options.seed, progress)?;
+    }
+    for table in &file.cloud {
+        append(&mut cloud, load_cloud(path, table, progress)?);
+    }
+    Ok(Scene {
+        cloud,
+        lights: file.light.iter().map(Into::into).collect(),
+        sky: file.sky.0,
+        camera: file.camera.map(|c| c.0),
+        tolerance: file.tolerance.map(|t| t.0),
+    })
+}
+
+fn read_text(path: &Path) -> Result<String> {
+    let file = File::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
+    let mut bytes = Vec::new();
+    file.take(LONGEST_FILE + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|e| Error::io(path, "cannot read", e))?;
+    if bytes.len() as u64 > LONGEST_FILE {
+        let limit = LONGEST_FILE >> 20;
+        return Err(Error::input(
+            path,
+            format!("longer than {limit} MiB: this is no scene file"),
+        ));
+    }
+    String::from_utf8(bytes).map_err(|e| {
+        Error::input(
+            path,
+            format!("not a text file in UTF-8: {}", e.utf8_error()),
+        )
+    })
+}
+
+/// The parser's message, which shows the line, in the words of the file's writer.
+fn in_words(error: &toml::de::Error) -> String {
+    let mut text = error.to_string().trim_end().to_string();
+    for (theirs, ours) in [
+        ("TOML parse error at line", "line"),
+        ("unknown field", "unknown key"),
+        ("missing field", "missing key"),
+        ("expected i64", "expected a whole number"),
+        ("expected f64", "expected a number"),
+        ("expected a sequence", "expected a list of numbers"),
+    ] {
+        text = text.replace(theirs, ours);
+    }
+    text
+}
+
+/// Refuses a number of points before anything is allocated for it.
+fn check_size(path: &Path, count: usize) -> Result<()> {
+    let path = path.display();
+    if count >= u32::MAX as usize {
+        return Err(Error::TooLarge(format!(
+            "{path}: {count} points: a cloud has fewer than {}",
+            u32::MAX
+        )));
+    }
+    let needed = count as u64 * BYTES_PER_POINT;
+    match memory::available() {
+        Some(available) if needed > available => Err(Error::TooLarge(format!(
+            "{path}: {count} points need about {} MiB of memory, but only {} MiB are free; ask for \
+             fewer points",
+            needed >> 20,
+            available >> 20
+        ))),
+        _ => Ok(()),
+    }
+}
+
+fn load_cloud(
+    scene_file: &Path,
+    table: &CloudTable,
+    progress: &dyn Progress,
+) -> Result<PointCloud> {
+    if is_scene_file(&table.file) {
+        return Err(Error::input(
+            scene_file,
+            format!(
+                "cloud {}: a scene cannot contain a scene file",
+                table.file.display()
+            ),
+        ));
+    }
+    let folder = scene_file.parent().unwrap_or(Path::new("."));
+    let mut cloud = read_scan(&folder.join(&table.file), progress)?;
+    place(&mut cloud, table);
+    Ok(cloud)
+}
+
+/// Scales, turns and moves a cloud, and gives it its material.
+fn place(cloud: &mut PointCloud, table: &CloudTable) {
+    let scale = table.scale.map_or(1.0, |s| s.0);
+    let turn = table.rotate.0;
+    for p in &mut cloud.positions {
+        *p = turn * (*p * scale) + table.translate.0;
+    }
+    let turn = turn.as_quat();
+    cloud.normals.iter_mut().for_each(|n| *n = turn * *n);
+    let areas = (scale * scale) as f32;
+    cloud.areas.iter_mut().for_each(|a| *a *= areas);
+    if let Some(reflectance) = table.reflectance {
+        cloud.reflectance = vec![reflectance.0; cloud.len()];
+    }
+    if let Some(emission) = table.emission {
+        cloud.emission = vec![emission.0; cloud.len()];
+    }
+}
+
+fn read_scan(path: &Path, _progress: &dyn Progress) -> Result<PointCloud> {
+    Err(Error::input(path, "scans cannot be read yet"))
+}
+
+/// Puts the points of `more` behind those of `cloud`.
+fn append(cloud: &mut PointCloud, more: PointCloud) {
+    let (before, added) = (cloud.len(), more.len());
+    // Where one of the two lacks a property, its points get the value that stands for "unknown".
+    fn join<T: Clone>(a: &mut Vec<T>, mut b: Vec<T>, before: usize, added: usize, unknown: T) {
+        if a.is_empty() && b.is_empty() {
+            return;
+        }
+        a.resize(before, unknown.clone());
+        b.resize(added, unknown);
+        a.append(&mut b);
+    }
+    join(&mut cloud.normals, more.normals, before, added, Vec3::ZERO);
+    let grey = Vec3::splat(DEFAULT_REFLECTANCE);
+    join(
+        &mut cloud.reflectance,
+        more.reflectance,
+        before,
+        added,
+        grey,
+    );
+    join(
+        &mut cloud.emission,
+        more.emission,
+        before,
+        added,
+        Vec3::ZERO,
+    );
+    // Areas are all from the source, or all from the cells.
+    if before > 0 && cloud.areas.is_empty() || added > 0 && more.areas.is_empty() {
+        cloud.areas.clear();
+    } else {
+        cloud.areas.extend(more.areas);
+    }
+    cloud.positions.extend(more.positions);
+    cloud.repairs.extend(more.repairs);
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::dvec3;
+
+    use super::*;
+
+    fn one_point() -> PointCloud {
+        PointCloud {
+            positions: vec![dvec3(1.0, 2.0, 3.0)],
+            normals: vec![Vec3::Z],
+            areas: vec![0.5],
+            reflectance: vec![Vec3::splat(0.2)],
+            emission: vec![Vec3::ZERO],
+            repairs: vec!["1 repair".into()],
+        }
+    }
+
+    #[test]
+    fn a_cloud_is_scaled_then_turned_then_moved() {
+        let table: CloudTable = toml::from_str(
+            "file = 'a.ply'\nscale = 2\nrotate = [90, 0, 90]\ntranslate = [10, 0, 0]\nemission = 3",
+        )
+        .unwrap();
+        let mut cloud = one_point();
+        place(&mut cloud, &table);
+        // (2, 4, 6) about x: (2, -6, 4); about z: (6, 2, 4).
+        assert!((cloud.positions[0] - dvec3(16.0, 2.0, 4.0)).length() < 1e-12);
+        assert!((cloud.normals[0] - Vec3::X).length() < 1e-6);
+        assert_eq!(cloud.areas, [2.0]);
+        assert_eq!(cloud.reflectance, [Vec3::splat(0.2)]);
+        assert_eq!(cloud.emission, [Vec3::splat(3.0)]);
+    }
+
+    #[test]
+    fn clouds_with_different_properties_are_joined() {
+        let bare = PointCloud {
+            positions: vec![dvec3(7.0, 8.0, 9.0)],
+            ..PointCloud::default()
+        };
+        let mut cloud = PointCloud::default();
+        append(&mut cloud, one_point());
+        assert_eq!(cloud.areas, [0.5]);
+        append(&mut cloud, bare);
+        append(&mut cloud, one_point());
+        assert_eq!(cloud.len(), 3);
+        assert_eq!(cloud.normals, [Vec3::Z, Vec3::ZERO, Vec3::Z]);
+        let reflectance = [0.2, DEFAULT_REFLECTANCE, 0.2].map(Vec3::splat);
+        assert_eq!(cloud.reflectance, reflectance);
+        assert_eq!(cloud.emission, [Vec3::ZERO; 3]);
+        assert!(cloud.areas.is_empty());
+        assert_eq!(cloud.repairs.len(), 2);
+    }
+}
