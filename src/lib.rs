@@ -4,6 +4,7 @@ pub mod error;
 pub mod illuminate;
 pub mod map;
 pub mod math;
+pub mod passes;
 pub mod points;
 pub mod progress;
 pub mod scene;
