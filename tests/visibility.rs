@@ -6,9 +6,9 @@ mod common;
 use common::{clutter, direction, gpu, in_box, polygons, random, room, sphere};
 use fmmgi_gpu::Surfels;
 use fmmgi_gpu::error::Error;
-use fmmgi_gpu::passes::gpu::{Gpu, GpuVisibility, adapter};
+use fmmgi_gpu::passes::gpu::{Gpu, GpuVisibility, TABLE_WIDTH, adapter};
 use fmmgi_gpu::visibility::{
-    CpuVisibility, NO_SURFEL, NothingInTheWay, Occluders, Segment, Visibility,
+    CpuVisibility, NO_SURFEL, NothingInTheWay, Occluders, Segment, Visibility, blocked, meets_cell,
 };
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use rand::RngExt;
@@ -87,7 +87,8 @@ fn blocked_by_any(surfels: &Surfels, s: &Segment) -> bool {
     })
 }
 
-/// A room with clutter in it, a sphere shell, clutter alone, and clutter in coarse lumps.
+/// A room with clutter in it, a sphere shell, clutter alone and in coarse lumps, and squares along
+/// the axes, which their boxes fit exactly.
 fn scenes() -> Vec<(&'static str, Surfels)> {
     let mut rng = random(3);
     let mut furnished = room(16);
@@ -101,11 +102,15 @@ fn scenes() -> Vec<(&'static str, Surfels)> {
     for p in &mut lumps.positions {
         *p = (*p * 4.0).round() / 4.0 + 0.01 * in_box(&mut rng);
     }
+    let shelves: Vec<_> = (0..1000)
+        .map(|k| (in_box(&mut rng), Vec3::AXES[k % 3]))
+        .collect();
     vec![
         ("room", furnished),
         ("sphere", sphere(2000)),
         ("clutter", clutter(2000, 0.1, 4)),
         ("lumps", lumps),
+        ("shelves", polygons(&shelves, 4, 0.1)),
     ]
 }
 
@@ -150,6 +155,37 @@ fn the_tree_answers_like_all_cells_in_turn() {
             "{name}: {share} tests nothing"
         );
         assert_eq!(visible, expected, "{name}");
+    }
+}
+
+/// The meeting point is rounded, and so are the boxes: none may shut out a cell that is met at the
+/// very edge, or answers would depend on the tree.
+#[test]
+fn no_box_shuts_out_a_cell_that_is_met() {
+    for (name, surfels) in scenes() {
+        let occluders = Occluders::build(&surfels);
+        let mut rng = random(2);
+        for k in 0..15_000 {
+            let cell = &occluders.occluders[rng.random_range(0..occluders.occluders.len())];
+            let [c, d] = [0, 1].map(|k| Vec2::from(cell.corners[k]));
+            let edge = c.lerp(d, if rng.random() { 0.0 } else { rng.random() });
+            let tangent = Vec3::from(cell.tangent);
+            let bitangent = Vec3::from(cell.normal).cross(tangent);
+            let at = Vec3::from(cell.position) + edge.x * tangent + edge.y * bitangent;
+            // From anywhere, from far away, along an axis.
+            let from = match k % 3 {
+                0 => in_box(&mut rng),
+                1 => 1000.0 * in_box(&mut rng),
+                _ => at + Vec3::AXES[rng.random_range(0..3)],
+            };
+            let to = at + rng.random_range(0.1..1.0) * (at - from);
+            let met = |cell| meets_cell::<f32>(cell, from, to);
+            assert_eq!(
+                blocked::<f32>(&occluders, &segment(from, to)),
+                occluders.occluders.iter().any(met),
+                "{name}: from {from} to {to}"
+            );
+        }
     }
 }
 
@@ -400,6 +436,43 @@ fn a_table_of_several_rows_is_read_in_order() {
     let segments = some_segments(&surfels, 3000);
     let [single, _, device] = everywhere(&surfels, &segments);
     assert!(differing(&single, &device) <= 3);
+}
+
+/// A device with lower limits than it could have.
+fn limited(required_limits: wgpu::Limits) -> Gpu {
+    let instance = wgpu::Instance::default();
+    let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
+    let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+        required_limits,
+        ..Default::default()
+    }))
+    .unwrap();
+    Gpu::new(&device, &queue)
+}
+
+#[test]
+fn a_dispatch_of_several_rows_of_workgroups_is_complete() {
+    let gpu = limited(wgpu::Limits {
+        max_compute_workgroups_per_dimension: 7,
+        ..Default::default()
+    });
+    let surfels = clutter(2000, 0.1, 4);
+    let device = GpuVisibility::new(&gpu, &Occluders::build(&surfels)).unwrap();
+    // 32 workgroups: 5 rows of 7.
+    let segments = some_segments(&surfels, 2000);
+    let answers = device.visible(&segments).unwrap();
+    assert!(differing(&answers, &on_cpu(&surfels, &segments)) <= 2);
+}
+
+#[test]
+fn a_table_that_is_too_large_is_an_error() {
+    let gpu = limited(wgpu::Limits {
+        max_texture_dimension_2d: 2,
+        ..Default::default()
+    });
+    let data = vec![[0u32; 4]; 2 * TABLE_WIDTH as usize + 1];
+    let result = gpu.table("nodes", &data);
+    assert!(matches!(result.map(|_| ()), Err(Error::TooLarge(_))));
 }
 
 #[test]

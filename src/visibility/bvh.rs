@@ -113,8 +113,7 @@ impl Occluder {
             position: surfels.positions[i].to_array(),
             surfel: i as u32,
             normal: surfels.normals[i].to_array(),
-            // Rounded up, so that the corners themselves pass.
-            radius_squared: radius_squared.fold(0.0, f32::max) * (1.0 + 4.0 * f32::EPSILON),
+            radius_squared: radius_squared.fold(0.0, f32::max),
             tangent: surfels.cells.tangents[i].to_array(),
             padding: 0.0,
             corners: corners.map(|c| c.to_array()),

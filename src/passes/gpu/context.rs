@@ -67,7 +67,7 @@ impl Gpu {
 
     /// Uploads elements of whole texels.
     pub fn table<T: Pod>(&self, what: &str, data: &[T]) -> Result<Table> {
-        const { assert!(size_of::<T>() % TEXEL == 0) };
+        const { assert!(size_of::<T>().is_multiple_of(TEXEL)) };
         let bytes: &[u8] = bytemuck::cast_slice(data);
         let row = TABLE_WIDTH as usize * TEXEL;
         let rows = bytes.len().div_ceil(row).max(1);
