@@ -96,15 +96,16 @@ fn blocked(segment: Segment) -> bool {
     let end = nodes(0u).w;
     var i = 0u;
     while i < end {
-        let low = nodes(i * NODE_TEXELS);
-        let high = nodes(i * NODE_TEXELS + 1u);
-        if !meets_box(reals(low).xyz, reals(high).xyz, segment.start, inverse) {
-            i += low.w;
-            continue;
+        var leaf = 0u;
+        while i < end && leaf == 0u {
+            let low = nodes(i * NODE_TEXELS);
+            let high = nodes(i * NODE_TEXELS + 1u);
+            let meets = meets_box(reals(low).xyz, reals(high).xyz, segment.start, inverse);
+            leaf = select(0u, high.w, meets);
+            i += select(low.w, 1u, meets);
         }
-        i += 1u;
-        let count = high.w & ((1u << COUNT_BITS) - 1u);
-        let first = high.w >> COUNT_BITS;
+        let count = leaf & ((1u << COUNT_BITS) - 1u);
+        let first = leaf >> COUNT_BITS;
         for (var k = first; k < first + count; k++) {
             if meets_cell(k * OCCLUDER_TEXELS, segment) {
                 return true;

@@ -113,6 +113,8 @@ pub struct Stats {
 #[derive(Clone, Debug, Default)]
 pub struct Illumination {
     pub map: IlluminationMap,
+    /// The surfels that the points stood for, in the order of the octree.
+    pub surfels: Surfels,
     pub stats: Stats,
 }
 
@@ -229,6 +231,7 @@ pub fn illuminate(
             row_sum: solved.row_sum,
             repairs,
         },
+        surfels,
     })
 }
 

@@ -1,54 +1,8 @@
 //! Where the passes run: what was asked for, what is there, what is taken and why.
 
-use adapter::{AdapterChoice, OpenDevice};
 use clap::ValueEnum;
+use fmmgi_gpu::passes::gpu::adapter::{self, AdapterChoice, OpenDevice};
 use fmmgi_gpu::{Backend, Error, Method, Result};
-
-// MERGE: delete this module and write
-// `pub use fmmgi_gpu::passes::gpu::adapter;`
-pub mod adapter {
-    use fmmgi_gpu::{Error, Result};
-
-    pub enum AdapterChoice {
-        Auto,
-        Any,
-        Named(String),
-    }
-
-    #[derive(Clone)]
-    pub struct AdapterInfo {
-        pub name: String,
-    }
-
-    impl AdapterInfo {
-        pub fn is_software(&self) -> bool {
-            true
-        }
-    }
-
-    impl std::fmt::Display for AdapterInfo {
-        fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-            f.write_str(&self.name)
-        }
-    }
-
-    pub struct OpenDevice {
-        pub device: wgpu::Device,
-        pub queue: wgpu::Queue,
-        pub info: AdapterInfo,
-    }
-
-    pub fn list() -> Vec<AdapterInfo> {
-        Vec::new()
-    }
-
-    pub fn open(choice: &AdapterChoice) -> Result<OpenDevice> {
-        Err(Error::NoBackend(match choice {
-            AdapterChoice::Named(name) => format!("no adapter {name:?}: not built yet"),
-            AdapterChoice::Auto | AdapterChoice::Any => "no adapter: not built yet".to_owned(),
-        }))
-    }
-}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Choice {

@@ -6,10 +6,11 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 use fmmgi_gpu::output::{write_atomic, write_ply, write_stats};
-use fmmgi_gpu::scene::PointLight;
+use fmmgi_gpu::scene::{PointLight, SceneOptions};
+use fmmgi_gpu::visibility::{CpuVisibility, Occluders};
 use fmmgi_gpu::{
-    Error, IlluminationMap, Method, Occlusion, Options, Progress, Result, Scene, Stats, illuminate,
-    memory, scan,
+    Error, Illumination, Method, Occlusion, Options, Progress, Result, Scene, Stats, illuminate,
+    memory, render,
 };
 use glam::Vec3;
 
@@ -114,7 +115,11 @@ pub fn run(args: &Args) -> Result<Done> {
     terminal::stop_on_ctrl_c();
     let progress = Terminal::new(args.quiet, args.verbose);
 
-    let mut scene = load(args, &progress)?;
+    let options_of_scene = SceneOptions {
+        points: args.points.map(NonZeroUsize::get),
+        seed: args.seed,
+    };
+    let mut scene = Scene::load(&args.input, &options_of_scene, &progress)?;
     scene.lights.extend(&args.light);
     scene.sky = args.sky.unwrap_or(scene.sky);
     let load = began.elapsed().as_secs_f64();
@@ -127,7 +132,7 @@ pub fn run(args: &Args) -> Result<Done> {
     let png = args
         .image
         .as_ref()
-        .map(|_| picture(&scene, &result.map, args.size, &progress));
+        .map(|_| picture(&scene, &result, args.size, &progress));
     progress.check()?;
     progress.finish();
 
@@ -176,37 +181,32 @@ impl Args {
     }
 }
 
-// MERGE: the body becomes
-// let options = SceneOptions { points: args.points.map(NonZeroUsize::get), seed: args.seed };
-// Scene::load(&args.input, &options, progress)
-fn load(args: &Args, progress: &dyn Progress) -> Result<Scene> {
-    if args.input.extension().is_some_and(|e| e == "toml") {
-        return Err(Error::Usage("scene files: not built yet".to_owned()));
-    }
-    if args.points.is_some() {
-        return Err(Error::Usage(
-            "--points is for the shapes of scene files; a scan has its points".to_owned(),
-        ));
-    }
-    Ok(Scene {
-        cloud: scan::read(&args.input, progress)?,
-        ..Scene::default()
-    })
-}
-
-/// The bytes of a PNG file.
-// MERGE: camera of the scene, else render::fit; render::picture; then
-// render::encode_png(&image, render::tone::exposure(&map.radiosity))
+/// The bytes of a PNG file, taken with the scene's camera or one fitted to the cloud.
 fn picture(
-    _scene: &Scene,
-    _map: &IlluminationMap,
+    scene: &Scene,
+    result: &Illumination,
     size: Size,
-    _progress: &dyn Progress,
+    progress: &dyn Progress,
 ) -> Result<Vec<u8>> {
-    Err(Error::Usage(format!(
-        "pictures ({} x {}): not built yet",
-        size.width, size.height
-    )))
+    let camera = match scene.camera {
+        Some(camera) => camera,
+        None => {
+            let occluders = Occluders::build(&result.surfels);
+            let visibility = CpuVisibility::<f32>::new(&occluders);
+            let aspect = f64::from(size.width) / f64::from(size.height);
+            render::fit(&scene.cloud, &result.surfels, &visibility, aspect)?
+        }
+    };
+    let map = &result.map;
+    let image = render::picture(
+        &scene.cloud,
+        map,
+        &camera,
+        size.width,
+        size.height,
+        progress,
+    )?;
+    render::encode_png(&image, render::tone::exposure(&map.radiosity))
 }
 
 /// A scan has no lights of its own, and a black result would puzzle.

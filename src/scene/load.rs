@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::memory;
 use crate::points::{DEFAULT_REFLECTANCE, PointCloud};
 use crate::progress::Progress;
+use crate::scan;
 
 /// Points on built-in shapes when nobody says how many.
 const DEFAULT_POINTS: usize = 20_000;
@@ -43,7 +44,7 @@ impl Scene {
         } else {
             no_points_wanted(path, options)?;
             Ok(Scene {
-                cloud: read_scan(path, progress)?,
+                cloud: scan::read(path, progress)?,
                 ..Scene::default()
             })
         }
@@ -176,7 +177,7 @@ fn load_cloud(
         ));
     }
     let folder = scene_file.parent().unwrap_or(Path::new("."));
-    let mut cloud = read_scan(&folder.join(&table.file), progress)?;
+    let mut cloud = scan::read(&folder.join(&table.file), progress)?;
     place(&mut cloud, table);
     Ok(cloud)
 }
@@ -198,10 +199,6 @@ fn place(cloud: &mut PointCloud, table: &CloudTable) {
     if let Some(emission) = table.emission {
         cloud.emission = vec![emission.0; cloud.len()];
     }
-}
-
-fn read_scan(path: &Path, _progress: &dyn Progress) -> Result<PointCloud> {
-    Err(Error::input(path, "scans cannot be read yet"))
 }
 
 /// Puts the points of `more` behind those of `cloud`.

@@ -8,8 +8,6 @@ use crate::points::{MAX_EDGES, Surfels};
 
 /// Most occluders in a leaf.
 const LEAF: usize = 4;
-/// Low bits of [`Node::leaf`] that hold the number of occluders.
-const COUNT_BITS: u32 = 3;
 /// Bins an axis, for the surface area heuristic.
 const BINS: usize = 16;
 /// Nodes this deep are halved by count instead, which bounds the depth for any input.
@@ -30,7 +28,7 @@ pub struct Node {
     pub min: [f32; 3],
     pub skip: u32,
     pub max: [f32; 3],
-    /// Zero, or `first occluder << 3 | number of occluders` in a leaf.
+    /// Zero, or `first occluder << COUNT_BITS | number of occluders` in a leaf.
     pub leaf: u32,
 }
 
@@ -59,11 +57,14 @@ pub struct Occluders {
 }
 
 impl Node {
+    /// Low bits of `leaf` that hold the number of occluders.
+    pub const COUNT_BITS: u32 = 3;
+
     /// The occluders of a leaf; none of an inner node.
     #[inline(always)]
     pub fn occluders(&self) -> std::ops::Range<usize> {
-        let first = (self.leaf >> COUNT_BITS) as usize;
-        first..first + (self.leaf & ((1 << COUNT_BITS) - 1)) as usize
+        let first = (self.leaf >> Self::COUNT_BITS) as usize;
+        first..first + (self.leaf & ((1 << Self::COUNT_BITS) - 1)) as usize
     }
 }
 
@@ -112,8 +113,7 @@ impl Occluder {
             position: surfels.positions[i].to_array(),
             surfel: i as u32,
             normal: surfels.normals[i].to_array(),
-            // Rounded up, so that the corners themselves pass.
-            radius_squared: radius_squared.fold(0.0, f32::max) * (1.0 + 4.0 * f32::EPSILON),
+            radius_squared: radius_squared.fold(0.0, f32::max),
             tangent: surfels.cells.tangents[i].to_array(),
             padding: 0.0,
             corners: corners.map(|c| c.to_array()),
@@ -176,7 +176,7 @@ fn subtree(items: &mut [Item], first: usize, depth: u32, nodes: &mut Vec<Node>) 
         leaf: 0,
     };
     if items.len() <= LEAF {
-        node.leaf = (first as u32) << COUNT_BITS | items.len() as u32;
+        node.leaf = (first as u32) << Node::COUNT_BITS | items.len() as u32;
         nodes.push(node);
         return;
     }

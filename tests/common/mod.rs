@@ -1,11 +1,29 @@
 //! Clouds made by hand, and a device to test on.
 #![allow(dead_code)]
 
+use std::sync::OnceLock;
+
 use fmmgi_gpu::Surfels;
+use fmmgi_gpu::passes::gpu::{Gpu, adapter};
 use fmmgi_gpu::points::{Cells, MAX_EDGES};
 use glam::{Vec2, Vec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+
+/// A device, real or software, shared by the tests of one binary.
+pub fn gpu() -> &'static Gpu {
+    static GPU: OnceLock<Gpu> = OnceLock::new();
+    GPU.get_or_init(|| match adapter::open(&adapter::AdapterChoice::Any) {
+        Ok(open) => {
+            println!("tested on {}", open.info);
+            Gpu::new(&open.device, &open.queue)
+        }
+        Err(error) => panic!(
+            "this test needs a GPU or software Vulkan, which runs on any CPU (Debian and Ubuntu: \
+             apt install mesa-vulkan-drivers): {error}"
+        ),
+    })
+}
 
 pub fn random(seed: u64) -> Pcg64Mcg {
     Pcg64Mcg::seed_from_u64(seed)

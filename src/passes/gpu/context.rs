@@ -1,0 +1,198 @@
+//! The few things that all stages do with a device: tables, buffers, reading back, and errors.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Duration;
+
+use bytemuck::Pod;
+use wgpu::{BufferUsages, ErrorFilter, PollType, TextureUsages};
+
+use crate::error::{Error, Result};
+
+/// Texels a row of a table. Every device has textures so wide, and a power of two divides fast.
+pub const TABLE_WIDTH: u32 = 8192;
+/// Bytes a texel.
+const TEXEL: usize = 16;
+/// Longest wait for a device; its work is cut into pieces of a fraction of a second.
+const TIMEOUT: Duration = Duration::from_secs(60);
+
+/// A device and its queue, borrowed from whoever made them (both are handles, cheap to clone).
+#[derive(Clone, Debug)]
+pub struct Gpu {
+    pub device: wgpu::Device,
+    pub queue: wgpu::Queue,
+}
+
+/// Read-only data in texels of 16 bytes; see `shaders/shared/table.wgsl`.
+pub struct Table {
+    view: wgpu::TextureView,
+}
+
+impl Table {
+    pub fn binding(&self) -> wgpu::BindingResource<'_> {
+        wgpu::BindingResource::TextureView(&self.view)
+    }
+}
+
+impl Gpu {
+    pub fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Gpu {
+        Gpu {
+            device: device.clone(),
+            queue: queue.clone(),
+        }
+    }
+
+    /// Runs `work` and turns what the device has to say against it into an error.
+    ///
+    /// The device's own handlers stay untouched: they belong to whoever made it.
+    pub fn watch<T>(&self, what: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        let filters = [
+            ErrorFilter::Validation,
+            ErrorFilter::OutOfMemory,
+            ErrorFilter::Internal,
+        ];
+        let scopes = filters.map(|filter| self.device.push_error_scope(filter));
+        let result = work();
+        let mut failure = None;
+        for scope in scopes.into_iter().rev() {
+            failure = pollster::block_on(scope.pop()).or(failure);
+        }
+        match failure {
+            None => result,
+            Some(wgpu::Error::OutOfMemory { .. }) => Err(Error::TooLarge(format!(
+                "{what}: the device has not enough memory"
+            ))),
+            Some(error) => Err(Error::Device(format!("{what}: {error}"))),
+        }
+    }
+
+    /// Uploads elements of whole texels.
+    pub fn table<T: Pod>(&self, what: &str, data: &[T]) -> Result<Table> {
+        const { assert!(size_of::<T>().is_multiple_of(TEXEL)) };
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let row = TABLE_WIDTH as usize * TEXEL;
+        let rows = bytes.len().div_ceil(row).max(1);
+        let most = self.device.limits().max_texture_dimension_2d;
+        if rows > most as usize {
+            return Err(Error::TooLarge(format!(
+                "{what}: {} MiB do not fit into a table of this device, which holds {} MiB",
+                bytes.len() >> 20,
+                (row as u64 * most as u64) >> 20
+            )));
+        }
+        let size = |width, height| wgpu::Extent3d {
+            width,
+            height,
+            depth_or_array_layers: 1,
+        };
+        self.watch(what, || {
+            let texture = self.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(what),
+                size: size(TABLE_WIDTH, rows as u32),
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: wgpu::TextureFormat::Rgba32Uint,
+                usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
+                view_formats: &[],
+            });
+            // Whole rows at once, then what is left of the last.
+            let (whole, rest) = bytes.split_at(bytes.len() / row * row);
+            for (part, y) in [(whole, 0), (rest, (whole.len() / row) as u32)] {
+                let width = part.len().min(row) / TEXEL;
+                if width == 0 {
+                    continue;
+                }
+                let mut to = texture.as_image_copy();
+                to.origin.y = y;
+                let layout = wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(row as u32),
+                    rows_per_image: None,
+                };
+                let height = part.len().div_ceil(row) as u32;
+                self.queue
+                    .write_texture(to, part, layout, size(width as u32, height));
+            }
+            let view = texture.create_view(&Default::default());
+            Ok(Table { view })
+        })
+    }
+
+    /// Largest number of elements of `bytes` that one binding of a storage buffer can hold.
+    pub fn most_bound(&self, bytes: usize) -> usize {
+        let limits = self.device.limits();
+        let most = limits
+            .max_storage_buffer_binding_size
+            .min(limits.max_buffer_size);
+        most as usize / bytes
+    }
+
+    /// A storage buffer that can be copied to and from.
+    pub fn storage(&self, what: &str, bytes: usize) -> Result<wgpu::Buffer> {
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST;
+        self.buffer(what, bytes, usage)
+    }
+
+    /// A buffer to read results from.
+    pub fn staging(&self, what: &str, bytes: usize) -> Result<wgpu::Buffer> {
+        self.buffer(what, bytes, BufferUsages::MAP_READ | BufferUsages::COPY_DST)
+    }
+
+    fn buffer(&self, what: &str, bytes: usize, usage: BufferUsages) -> Result<wgpu::Buffer> {
+        self.watch(what, || {
+            Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(what),
+                size: bytes as u64,
+                usage,
+                mapped_at_creation: false,
+            }))
+        })
+    }
+
+    /// Submits what was recorded, waits until it is done, and hands the first `count` elements of
+    /// `staging` to `read`.
+    pub fn run_and_read<T: Pod, R>(
+        &self,
+        what: &str,
+        encoder: wgpu::CommandEncoder,
+        staging: &wgpu::Buffer,
+        count: usize,
+        read: impl FnOnce(&[T]) -> R,
+    ) -> Result<R> {
+        let failed = |why: &str| Error::Device(format!("{what}: {why}"));
+        let slice = staging.slice(..(count * size_of::<T>()) as u64);
+        let (sender, receiver) = std::sync::mpsc::channel();
+        self.queue.submit([encoder.finish()]);
+        slice.map_async(wgpu::MapMode::Read, move |result| {
+            let _ = sender.send(result);
+        });
+        self.wait(what)?;
+        // Another thread that waits for the same device may be the one that calls back.
+        match receiver.recv_timeout(TIMEOUT) {
+            Ok(Ok(())) => {}
+            _ => return Err(failed("the device was lost or gave no result")),
+        }
+        let view = slice
+            .get_mapped_range()
+            .map_err(|e| failed(&e.to_string()))?;
+        let result = read(bytemuck::cast_slice(&view));
+        drop(view);
+        staging.unmap();
+        Ok(result)
+    }
+
+    /// Waits for the device, which may be gone: wgpu panics if it is lost during the wait.
+    fn wait(&self, what: &str) -> Result<()> {
+        let poll = || {
+            self.device.poll(PollType::Wait {
+                submission_index: None,
+                timeout: Some(TIMEOUT),
+            })
+        };
+        match catch_unwind(AssertUnwindSafe(poll)) {
+            Ok(Ok(_)) => Ok(()),
+            Ok(Err(e)) => Err(Error::Device(format!("{what}: {e}"))),
+            Err(_) => Err(Error::Device(format!("{what}: the device was lost"))),
+        }
+    }
+}

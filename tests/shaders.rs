@@ -1,0 +1,104 @@
+//! The WGSL as it is used: valid, and of the same layout and numbers as the Rust beside it.
+
+use std::mem::offset_of;
+
+use fmmgi_gpu::passes::gpu::SHADERS;
+use fmmgi_gpu::visibility::{Node, Occluder, Segment};
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+use naga::{Expression, Literal, Module, TypeInner};
+
+fn module(name: &str) -> Module {
+    let shader = SHADERS.iter().find(|s| s.name == name).unwrap();
+    let source = shader.source();
+    naga::front::wgsl::parse_str(&source)
+        .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&source)))
+}
+
+/// Names and offsets of a struct's members, and its size in an array.
+fn layout(module: &Module, name: &str) -> (Vec<(String, usize)>, usize) {
+    let (_, ty) = module
+        .types
+        .iter()
+        .find(|(_, ty)| ty.name.as_deref() == Some(name))
+        .unwrap_or_else(|| panic!("no struct {name}"));
+    let TypeInner::Struct { members, span } = &ty.inner else {
+        panic!("{name} is no struct");
+    };
+    let members = members
+        .iter()
+        .map(|m| (m.name.clone().unwrap(), m.offset as usize))
+        .collect();
+    (members, *span as usize)
+}
+
+/// Compares the offsets of all members, in order, and the size.
+macro_rules! same_layout {
+    ($module:expr, $rust:ty, $name:literal, [$($field:ident => $member:literal),* $(,)?]) => {
+        let expected = vec![$(($member.to_owned(), offset_of!($rust, $field))),*];
+        assert_eq!(layout($module, $name), (expected, size_of::<$rust>()), $name);
+    };
+}
+
+fn constant(module: &Module, name: &str) -> u32 {
+    let (_, constant) = module
+        .constants
+        .iter()
+        .find(|(_, c)| c.name.as_deref() == Some(name))
+        .unwrap_or_else(|| panic!("no constant {name}"));
+    match module.global_expressions[constant.init] {
+        Expression::Literal(Literal::U32(value)) => value,
+        ref other => panic!("{name}: {other:?}"),
+    }
+}
+
+#[test]
+fn all_stages_are_valid() {
+    for shader in SHADERS {
+        let module = module(shader.name);
+        Validator::new(ValidationFlags::all(), Capabilities::SUBGROUP)
+            .validate(&module)
+            .unwrap_or_else(|e| panic!("{}: {}", shader.name, e.emit_to_string(&shader.source())));
+        assert_eq!(module.entry_points.len(), 1, "{}", shader.name);
+        assert_eq!(module.entry_points[0].name, "main", "{}", shader.name);
+    }
+}
+
+#[test]
+fn every_stage_file_is_listed() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/shaders");
+    let mut files: Vec<String> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .filter_map(|file| file.strip_suffix(".wgsl").map(str::to_owned))
+        .collect();
+    let mut listed: Vec<&str> = SHADERS.iter().map(|s| s.name).collect();
+    files.sort();
+    listed.sort();
+    assert_eq!(files, listed);
+}
+
+#[test]
+fn visibility_reads_what_rust_writes() {
+    let module = module("visibility");
+    same_layout!(&module, Segment, "Segment", [
+        from => "start", skip_from => "skip_from", to => "end", skip_to => "skip_to",
+    ]);
+    same_layout!(&module, Node, "Node", [
+        min => "min", skip => "skip", max => "max", leaf => "leaf",
+    ]);
+    same_layout!(&module, Occluder, "Occluder", [
+        position => "position", surfel => "surfel",
+        normal => "normal", radius_squared => "radius_squared",
+        tangent => "tangent", padding => "padding",
+        corners => "corners",
+    ]);
+    assert_eq!(
+        constant(&module, "NODE_TEXELS") as usize,
+        size_of::<Node>() / 16
+    );
+    assert_eq!(
+        constant(&module, "OCCLUDER_TEXELS") as usize,
+        size_of::<Occluder>() / 16
+    );
+    assert_eq!(constant(&module, "COUNT_BITS"), Node::COUNT_BITS);
+}
