@@ -3,7 +3,7 @@
 use fmmgi_gpu::Result;
 
 use super::Done;
-use super::backend::adapter;
+use fmmgi_gpu::passes::gpu::adapter;
 
 /// List the GPU adapters, real and software, that "solve --adapter" can use.
 #[derive(clap::Args)]
