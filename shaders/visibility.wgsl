@@ -8,6 +8,7 @@ struct Segment {
     skip_to: u32,
 }
 
+// What the texels of the tables hold; they are loaded one by one, as late as possible.
 struct Node {
     min: vec3<f32>,
     skip: u32,
@@ -91,6 +92,9 @@ fn meets_cell(at: u32, segment: Segment) -> bool {
         && left_of(c67.xy, c67.zw, x, y) && left_of(c67.zw, c01.xy, x, y);
 }
 
+// Walks to the next leaf that is met, then tests its cells: invocations that run in step wait for
+// each other twice a leaf. (With the cells tested inside the walk, all waited at every step: 2.5
+// times slower on eight lanes.)
 fn blocked(segment: Segment) -> bool {
     let inverse = inverse_of(segment.end - segment.start);
     let end = nodes(0u).w;
