@@ -13,6 +13,7 @@ use crate::links::{self, Accuracy, Links};
 use crate::map::IlluminationMap;
 use crate::octree::Octree;
 use crate::operator::{Direct, Fields, Fmm, TransportOperator};
+use crate::passes::gpu::{Gpu, GpuVisibility};
 use crate::points::{Prepared, Surfels};
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -172,13 +173,17 @@ pub fn illuminate(
         (chosen, _) => chosen,
     };
     let on_cpu;
+    let on_gpu;
     let tester: &dyn Visibility = match (&occluders, &backend) {
         (None, _) => &NothingInTheWay,
         (Some(occluders), Backend::Cpu) => {
             on_cpu = CpuVisibility::<f32>::new(occluders);
             &on_cpu
         }
-        (Some(_), Backend::Gpu { .. }) => todo!(),
+        (Some(occluders), Backend::Gpu { device, queue, .. }) => {
+            on_gpu = GpuVisibility::new(&Gpu::new(device, queue), occluders)?;
+            &on_gpu
+        }
     };
     let visibility = Counted::new(tester);
     let task = Task {
