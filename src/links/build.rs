@@ -45,6 +45,8 @@ const MAX_DEVIATION: f32 = 0.3;
 const SAMPLES: [f32; 2] = [4.0, 32.0];
 /// Segments of a link that brings too little to matter.
 const NEGLIGIBLE_SAMPLES: usize = 2;
+/// Largest weight of a far link: more means that the samples missed where the expansion is small.
+const MAX_FRACTION: f32 = 2.0;
 /// Pairs of facets judged in one batch.
 const BATCH: usize = 1 << 15;
 
@@ -66,6 +68,7 @@ pub fn build(
         far: Vec::new(),
         sampled: Vec::new(),
         near: Vec::new(),
+        smooth: 0,
     };
     let mut level = vec![Pair {
         target: 0,
@@ -92,6 +95,7 @@ pub fn build(
         far: Rows::new(facets, traversal.far),
         sampled: Rows::new(facets, traversal.sampled),
         near: Rows::new(surfels.len(), traversal.near),
+        smooth: traversal.smooth,
     })
 }
 
@@ -144,7 +148,8 @@ enum Outcome {
     Drop,
     Split,
     Near,
-    Far(f32),
+    /// Weight, and whether nothing was seen in the way.
+    Far(f32, bool),
     Sampled(f32),
 }
 
@@ -157,6 +162,7 @@ struct Traversal<'a> {
     far: Vec<Entry>,
     sampled: Vec<Entry>,
     near: Vec<Entry>,
+    smooth: u64,
 }
 
 impl Traversal<'_> {
@@ -182,7 +188,7 @@ impl Traversal<'_> {
             .zip(&outcomes)
             .zip(batch)
             .map(|((verdict, outcome), &pair)| match (verdict, outcome) {
-                (Verdict::Candidate(c), Outcome::Far(_) | Outcome::Sampled(_)) if c.selected() => {
+                (Verdict::Candidate(c), Outcome::Far(..) | Outcome::Sampled(_)) if c.selected() => {
                     self.draw(pair, c.drawn, 1)
                 }
                 (Verdict::Candidate(_), Outcome::Near) => self.all_pairs(pair),
@@ -212,7 +218,10 @@ impl Traversal<'_> {
                         weight,
                     };
                     match outcome {
-                        Outcome::Far(fraction) if fraction > 0.0 => self.far.push(entry(fraction)),
+                        Outcome::Far(fraction, smooth) if fraction > 0.0 => {
+                            self.far.push(entry(fraction));
+                            self.smooth += u64::from(smooth);
+                        }
                         Outcome::Sampled(kernel) if kernel > 0.0 => {
                             self.sampled.push(entry(kernel));
                         }
@@ -297,7 +306,7 @@ impl Traversal<'_> {
             let fraction = seen / c.samples.iter().map(|s| s.weight).sum::<f32>();
             let deviation = (fraction * (1.0 - fraction)).max(0.0).sqrt();
             if c.negligible || c.bound * deviation <= MAX_DEVIATION * c.allowed {
-                return Outcome::Far(seen / self.expanded(pair, &c.samples));
+                return self.far(pair, &c.samples, visible);
             }
         } else if c.uniform {
             let (mean, square) = c
@@ -335,9 +344,7 @@ impl Traversal<'_> {
         visible: &[bool],
     ) -> Outcome {
         match accepted {
-            Outcome::Far(_) if !samples.is_empty() => {
-                Outcome::Far(visible_weight(samples, visible) / self.expanded(pair, samples))
-            }
+            Outcome::Far(..) => self.far(pair, samples, visible),
             Outcome::Sampled(_) => {
                 let mean = visible_weight(samples, visible) / c.drawn as f32;
                 Outcome::Sampled(self.kernel(pair, mean))
@@ -346,15 +353,15 @@ impl Traversal<'_> {
         }
     }
 
-    /// Sum of the samples' form factors as the expansions give them. A far link's weight is taken
-    /// relative to it: so the error of truncation, which has the same sign in most links and adds
-    /// up, is left in the noise of the samples, which has not.
-    fn expanded(&self, pair: Pair, samples: &[Sample]) -> f32 {
+    /// A far link. Its weight is the light seen by the samples relative to what the expansions give
+    /// for the same samples. So the error of truncation, which has the same sign in most links and
+    /// adds up, is left in the noise of the samples, which has not.
+    fn far(&self, pair: Pair, samples: &[Sample], visible: &[bool]) -> Outcome {
         let (a, b) = self.facets(pair);
         let s = self.surface;
         let way = a.centre - b.centre;
         let distance = way.length();
-        samples
+        let expanded: f32 = samples
             .iter()
             .map(|sample| {
                 let (i, j) = (sample.target as usize, sample.source as usize);
@@ -373,7 +380,14 @@ impl Traversal<'_> {
                 let place = (s.positions[i] - a.centre) / a.scale();
                 local.irradiance(s.normals[i], place).x
             })
-            .sum()
+            .sum();
+        let fraction = match expanded > 0.0 {
+            true => (visible_weight(samples, visible) / expanded).min(MAX_FRACTION),
+            false => 0.0,
+        };
+        let facing = samples.iter().filter(|s| s.weight > 0.0).count();
+        let smooth = visible.iter().filter(|&&v| v).count() == facing;
+        Outcome::Far(fraction, smooth)
     }
 
     /// Kernel that acts on the source's power, from the mean weight of one pair of surfels.
