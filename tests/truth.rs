@@ -122,7 +122,10 @@ fn plates(
 }
 
 fn relative_p95(pairs: &[(f64, f64)]) -> f64 {
-    percentile(pairs.iter().map(|(a, b)| (a / b - 1.0).abs()).collect(), 0.95)
+    percentile(
+        pairs.iter().map(|(a, b)| (a / b - 1.0).abs()).collect(),
+        0.95,
+    )
 }
 
 #[test]
@@ -155,9 +158,8 @@ fn sees_lamp(p: DVec3, margin: f64) -> bool {
             q.y < 2.0 + margin && q.z > 0.9 - margin && q.z < 1.6 + margin
         })
     };
-    (0..=STEPS).any(|a| {
-        (0..=STEPS).any(|b| passes(DVec3::new(1.6 + along(a), 2.5, 1.1 + along(b))))
-    })
+    (0..=STEPS)
+        .any(|a| (0..=STEPS).any(|b| passes(DVec3::new(1.6 + along(a), 2.5, 1.1 + along(b)))))
 }
 
 fn two_rooms_dark(method: Method, points: usize) -> (f64, f64) {
@@ -192,7 +194,11 @@ fn two_rooms_dark(method: Method, points: usize) -> (f64, f64) {
 
 #[test]
 fn a_wall_keeps_the_second_room_dark() {
-    for (method, points) in [(Method::Direct, 5000), (Method::Fmm, 5000), (Method::Fmm, 40_000)] {
+    for (method, points) in [
+        (Method::Direct, 5000),
+        (Method::Fmm, 5000),
+        (Method::Fmm, 40_000),
+    ] {
         let (strictly, clearly) = two_rooms_dark(method, points);
         assert!(strictly < 1e-3 && clearly < 1e-3);
     }

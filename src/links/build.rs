@@ -276,8 +276,7 @@ impl Traversal<'_> {
                 self.draw(pair, drawn, 0)
             };
             // Two samples of a negligible link cannot show that all face each other.
-            let all_face = facing.full()
-                || !negligible && samples.iter().all(|s| s.weight > 0.0);
+            let all_face = facing.full() || !negligible && samples.iter().all(|s| s.weight > 0.0);
             return Verdict::Candidate(Candidate {
                 exhaustive,
                 negligible,
@@ -459,7 +458,11 @@ impl Traversal<'_> {
             .collect();
         let mut answers = self.visibility.visible(&segments)?.into_iter();
         Ok(groups
-            .map(|g| g.iter().map(|s| s.weight > 0.0 && answers.next() == Some(true)).collect())
+            .map(|g| {
+                g.iter()
+                    .map(|s| s.weight > 0.0 && answers.next() == Some(true))
+                    .collect()
+            })
             .collect())
     }
 
