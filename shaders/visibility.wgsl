@@ -39,10 +39,6 @@ const VISIBLE = 2u;
 @group(0) @binding(2) var<storage, read> segments: array<Segment>;
 @group(0) @binding(3) var<storage, read_write> answers: array<u32>;
 
-fn reals(words: vec4<u32>) -> vec4<f32> {
-    return bitcast<vec4<f32>>(words);
-}
-
 fn inverse_of(v: vec3<f32>) -> vec3<f32> {
     let smallest = select(vec3(SMALLEST), vec3(-SMALLEST), v < vec3(0.0));
     return 1.0 / select(smallest, v, abs(v) >= vec3(SMALLEST));

@@ -12,7 +12,7 @@ use crate::lights;
 use crate::links::{self, Accuracy, Links};
 use crate::map::IlluminationMap;
 use crate::octree::Octree;
-use crate::operator::{Direct, Fields, Fmm, TransportOperator};
+use crate::operator::{Direct, Fields, Fmm, GpuFmm, TransportOperator};
 use crate::passes::gpu::{Gpu, GpuVisibility};
 use crate::points::{Prepared, Surfels};
 use crate::progress::Progress;
@@ -202,7 +202,10 @@ pub fn illuminate(
         (_, Backend::Cpu) => task.fmm(&mut repairs, &|links, work| {
             work.solve(&Fmm::<f32>::new(&surfels, &octree, links), progress)
         })?,
-        (_, Backend::Gpu { .. }) => todo!(),
+        (_, Backend::Gpu { device, queue, .. }) => task.fmm(&mut repairs, &|links, work| {
+            let gpu = Gpu::new(device, queue);
+            work.solve(&GpuFmm::new(&gpu, &surfels, &octree, links)?, progress)
+        })?,
     };
     let rest = clock.lap();
     let map = to_points(scene, &prepared, &surfels, &solved.irradiance);

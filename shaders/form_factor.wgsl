@@ -1,0 +1,111 @@
+// Form factor F_ij of pairs of surfels without occlusion. The twin of src/expansion/kernel.rs
+// (`Surface::form_factor`) and src/expansion/form_factor.rs.
+// Tables: cells (7 texels each).
+
+// What the texels of the table hold.
+struct Cell {
+    position: vec3<f32>,
+    area: f32,
+    normal: vec3<f32>,
+    padding0: f32,
+    tangent: vec3<f32>,
+    padding1: f32,
+    corners: array<vec4<f32>, 4>,
+}
+
+const CELL_TEXELS = 7u;
+const NEAR_SPACINGS = 2.0;
+const PI = 3.14159265359;
+
+@group(0) @binding(1) var<storage, read> pairs: array<vec2<u32>>;
+@group(0) @binding(2) var<storage, read_write> form_factors: array<f32>;
+
+// Angle under which the edge start a to b is seen, times the cosine between `normal` and its plane.
+fn edge(normal: vec3<f32>, a: vec3<f32>, b: vec3<f32>) -> f32 {
+    let product = cross(a, b);
+    let sine = length(product);
+    if sine > 0.0 {
+        return atan2(sine, dot(a, b)) * dot(normal, product) / sine;
+    }
+    return 0.0;
+}
+
+// Sum over the edges so far, of the part above the horizon.
+struct Walk {
+    sum: f32,
+    dips: bool,
+    descent: vec3<f32>,
+    ascent: vec3<f32>,
+}
+
+fn add_edge(walk: ptr<function, Walk>, normal: vec3<f32>, start: vec3<f32>, end: vec3<f32>) {
+    let ha = dot(normal, start);
+    let hb = dot(normal, end);
+    if ha < 0.0 && hb < 0.0 {
+        return;
+    }
+    var a = start;
+    var b = end;
+    if ha < 0.0 || hb < 0.0 {
+        let crossing = a + (b - a) * (ha / (ha - hb));
+        (*walk).dips = true;
+        if ha < 0.0 {
+            (*walk).ascent = crossing;
+            a = crossing;
+        } else {
+            (*walk).descent = crossing;
+            b = crossing;
+        }
+    }
+    (*walk).sum += edge(normal, a, b);
+}
+
+// To the cell of surfel j, whose centre is at r.
+fn polygon_form_factor(normal: vec3<f32>, r: vec3<f32>, n: vec3<f32>, j: u32) -> f32 {
+    let tangent = reals(cells(j * CELL_TEXELS + 2u)).xyz;
+    let bitangent = cross(n, tangent);
+    var walk: Walk;
+    var first: vec3<f32>;
+    var last: vec3<f32>;
+    for (var k = 0u; k < 4u; k++) {
+        let two = reals(cells(j * CELL_TEXELS + 3u + k));
+        let a = r + (tangent * two.x + bitangent * two.y);
+        let b = r + (tangent * two.z + bitangent * two.w);
+        if k == 0u {
+            first = a;
+        } else {
+            add_edge(&walk, normal, last, a);
+        }
+        add_edge(&walk, normal, a, b);
+        last = b;
+    }
+    add_edge(&walk, normal, last, first);
+    if walk.dips {
+        walk.sum += edge(normal, walk.descent, walk.ascent);
+    }
+    return max(-walk.sum / (2.0 * PI), 0.0);
+}
+
+fn pair_form_factor(i: u32, j: u32) -> f32 {
+    let to = reals(cells(i * CELL_TEXELS));
+    let to_normal = reals(cells(i * CELL_TEXELS + 1u)).xyz;
+    let source = reals(cells(j * CELL_TEXELS));
+    let normal = reals(cells(j * CELL_TEXELS + 1u)).xyz;
+    let r = source.xyz - to.xyz;
+    let r2 = dot(r, r);
+    let cos_to = dot(to_normal, r);
+    let cos_source = -dot(normal, r);
+    if r2 >= NEAR_SPACINGS * NEAR_SPACINGS * max(to.w, source.w) {
+        let faces = cos_to > 0.0 && cos_source > 0.0;
+        return select(0.0, source.w * (cos_to * cos_source / (PI * r2 * r2)), faces);
+    }
+    if i == j || cos_source <= 0.0 {
+        return 0.0; // a cell does not light its own plane or what lies behind it
+    }
+    return polygon_form_factor(to_normal, r, normal, j);
+}
+
+fn form_factor(k: u32) {
+    let pair = pairs[k];
+    form_factors[k] = pair_form_factor(pair.x, pair.y);
+}
