@@ -30,34 +30,35 @@ fn edge(normal: vec3<f32>, a: vec3<f32>, b: vec3<f32>) -> f32 {
     return 0.0;
 }
 
-// Sum over the edges so far, of the part above the horizon.
+// Walk past the corners of the polygon's part above the horizon, one by one. (An edge that lies in
+// the horizon may cross it several times by rounding.)
 struct Walk {
     sum: f32,
-    dips: bool,
-    descent: vec3<f32>,
-    ascent: vec3<f32>,
+    begun: bool,
+    first: vec3<f32>,
+    last: vec3<f32>,
 }
 
-fn add_edge(walk: ptr<function, Walk>, normal: vec3<f32>, start: vec3<f32>, end: vec3<f32>) {
-    let ha = dot(normal, start);
-    let hb = dot(normal, end);
-    if ha < 0.0 && hb < 0.0 {
-        return;
+fn pass_corner(walk: ptr<function, Walk>, normal: vec3<f32>, p: vec3<f32>) {
+    if (*walk).begun {
+        (*walk).sum += edge(normal, (*walk).last, p);
+    } else {
+        (*walk).begun = true;
+        (*walk).first = p;
     }
-    var a = start;
-    var b = end;
-    if ha < 0.0 || hb < 0.0 {
-        let crossing = a + (b - a) * (ha / (ha - hb));
-        (*walk).dips = true;
-        if ha < 0.0 {
-            (*walk).ascent = crossing;
-            a = crossing;
-        } else {
-            (*walk).descent = crossing;
-            b = crossing;
-        }
+    (*walk).last = p;
+}
+
+// The edge from a, which the walk has not passed yet, to b, which it will pass next.
+fn pass_edge(walk: ptr<function, Walk>, normal: vec3<f32>, a: vec3<f32>, b: vec3<f32>) {
+    let height_a = dot(normal, a);
+    let height_b = dot(normal, b);
+    if height_a >= 0.0 {
+        pass_corner(walk, normal, a);
     }
-    (*walk).sum += edge(normal, a, b);
+    if (height_a >= 0.0) != (height_b >= 0.0) {
+        pass_corner(walk, normal, a + (b - a) * (height_a / (height_a - height_b)));
+    }
 }
 
 // To the cell of surfel j, whose centre is at r.
@@ -74,14 +75,14 @@ fn polygon_form_factor(normal: vec3<f32>, r: vec3<f32>, n: vec3<f32>, j: u32) ->
         if k == 0u {
             first = a;
         } else {
-            add_edge(&walk, normal, last, a);
+            pass_edge(&walk, normal, last, a);
         }
-        add_edge(&walk, normal, a, b);
+        pass_edge(&walk, normal, a, b);
         last = b;
     }
-    add_edge(&walk, normal, last, first);
-    if walk.dips {
-        walk.sum += edge(normal, walk.descent, walk.ascent);
+    pass_edge(&walk, normal, last, first);
+    if walk.begun {
+        walk.sum += edge(normal, walk.last, walk.first);
     }
     return max(-walk.sum / (2.0 * PI), 0.0);
 }
