@@ -4,9 +4,9 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use glam::{DVec3, Vec3};
+use ply_rs::ply::ScalarType;
 use rayon::prelude::*;
 
-use super::scalar::Scalar;
 use super::{PlyFile, Rows};
 use crate::colour::srgb_to_linear;
 use crate::error::Result;
@@ -132,9 +132,9 @@ impl Fields {
             let types = slots.map(|slot| ply.scalar(columns[slot]));
             let colour = match types[0] {
                 _ if types.iter().any(|&other| other != types[0]) => None,
-                Scalar::U8 => Some(Colour::srgb(1 << 8)),
-                Scalar::U16 => Some(Colour::srgb(1 << 16)),
-                Scalar::F32 | Scalar::F64 => Some(Colour::Linear),
+                ScalarType::UChar => Some(Colour::srgb(1 << 8)),
+                ScalarType::UShort => Some(Colour::srgb(1 << 16)),
+                ScalarType::Float | ScalarType::Double => Some(Colour::Linear),
                 _ => None,
             };
             if colour.is_none() {
