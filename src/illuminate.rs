@@ -461,7 +461,7 @@ impl Task<'_> {
 
 /// Allowed error of a link in units of the tolerance and the mean irradiance. Errors of many links
 /// add up; the ratio is measured: links allowed 0.01 give a relative error of 0.014 to 0.028.
-const ERROR_A_LINK: f64 = 1.0;
+const ERROR_A_LINK: f64 = 0.5;
 /// The same for the first, rough links.
 const ROUGH_ERROR: f64 = 0.3;
 /// Residual to which the rough links are solved.

@@ -1,5 +1,6 @@
 //! Bounds of which way two facets face.
 
+use crate::expansion::NEAR_SPACINGS;
 use crate::octree::Facet;
 
 /// What holds for every surfel x of a target facet and y of a source facet.
@@ -9,6 +10,8 @@ pub struct Facing {
     pub distance: f32,
     /// Least distance of an x and a y.
     pub gap: f32,
+    /// Some pairs may be in the near range, where sources are cells and not points.
+    pub near: bool,
     /// Bounds of n_x · (y - x): the target's normals against the way to the source.
     pub target: [f32; 2],
     /// Bounds of n_y · (x - y).
@@ -24,12 +27,20 @@ impl Facing {
             .max(source.low - target.high)
             .max(glam::Vec3::ZERO)
             .length();
-        Facing {
+        let gap = apart.max(distance - reach);
+        let mut facing = Facing {
             distance,
-            gap: apart.max(distance - reach),
+            gap,
+            near: gap < NEAR_SPACINGS as f32 * target.spacing.max(source.spacing),
             target: heights(target, source, farthest),
             source: heights(source, target, farthest),
+        };
+        if facing.near {
+            // In the near range a source is its cell, part of which may rise above the horizon.
+            facing.target[0] -= source.reach;
+            facing.target[1] += source.reach;
         }
+        facing
     }
 
     /// No surfel of one faces any surfel of the other.
