@@ -12,6 +12,7 @@ use crate::colour::srgb_to_linear;
 use crate::error::Result;
 use crate::points::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
 use crate::progress::Progress;
+use crate::scene::BRIGHTEST;
 
 /// Rows for one thread at a time.
 const GRAIN: usize = 4096;
@@ -227,6 +228,15 @@ fn repair(cloud: &mut PointCloud, white: f32, repairs: &mut Vec<String>) {
             |e| e.map(|e| if e.is_finite() { e.max(0.0) } else { 0.0 }),
         ),
         "emissions that are negative or no number set to 0",
+    );
+    let brightest = Vec3::splat(BRIGHTEST);
+    tell(
+        mend(
+            &mut cloud.emission,
+            |e| e.cmple(brightest).all(),
+            |e| e.min(brightest),
+        ),
+        "emissions above 1e15 reduced to that",
     );
     tell(
         mend(&mut cloud.areas, |a| a > 0.0 && a.is_finite(), |_| 0.0),
