@@ -160,6 +160,12 @@ impl Task<'_> {
                 lit.too_close
             ));
         }
+        if lit.on_surface > 0 {
+            repairs.push(format!(
+                "{} lights lie on a surface: lifted off it",
+                lit.on_surface
+            ));
+        }
         let mut irradiance = lit.irradiance;
         if scene.sky != Vec3::ZERO {
             let sky = lights::sky(

@@ -60,13 +60,16 @@ impl Work<'_> {
         let irradiance: Vec<DVec3> = bounced
             .iter()
             .zip(self.lights)
-            .map(|(h, light)| (*h + *light).max(DVec3::ZERO))
+            .map(|(h, light)| *h + *light)
             .collect();
-        if irradiance.iter().any(|h| !h.is_finite()) {
+        if !ended.residual.is_finite() || irradiance.iter().any(|h| !h.is_finite()) {
             return Err(Error::Invalid(
-                "the solution is not finite: are areas or emissions of extreme size?".into(),
+                "the solution is not finite: are coordinates, areas or lights of extreme size?"
+                    .into(),
             ));
         }
+        // Expansions may leave a little less than nothing.
+        let irradiance: Vec<DVec3> = irradiance.iter().map(|h| h.max(DVec3::ZERO)).collect();
         let row_sums = fields
             .download(&operator.apply(&fields.upload(&vec![DVec3::ONE; self.surfels.len()])?)?)?;
         Ok(Bounced {
