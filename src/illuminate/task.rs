@@ -26,6 +26,9 @@ const ERROR_A_LINK: f64 = 0.5;
 const ROUGH_ERROR: f64 = 0.3;
 /// Residual to which the rough links are solved.
 const ROUGH_RESIDUAL: f64 = 0.03;
+/// Radiosity, in units of the mean irradiance, that every facet is taken to have at least: light
+/// that the rough solution has missed must find its way.
+const LEAST_RADIOSITY: f64 = 0.01;
 /// Bounds of the factor on a link's error from the light at its target.
 const LOCAL_TOLERANCE: [f64; 2] = [0.1, 3.0];
 
@@ -208,7 +211,7 @@ impl Task<'_> {
             reflected[range]
                 .iter()
                 .map(|b| b.max_element())
-                .fold(0.0, f64::max) as f32
+                .fold(LEAST_RADIOSITY * level, f64::max) as f32
         };
         let facets = &self.octree.facets;
         Accuracy {
