@@ -98,7 +98,8 @@ fn pair_form_factor(i: u32, j: u32) -> f32 {
     let cos_source = -dot(normal, r);
     if r2 >= NEAR_SPACINGS * NEAR_SPACINGS * max(to.w, source.w) {
         let faces = cos_to > 0.0 && cos_source > 0.0;
-        return select(0.0, source.w * (cos_to * cos_source / (PI * r2 * r2)), faces);
+        let inverse = 1.0 / r2;
+        return select(0.0, source.w * ((cos_to * inverse) * (cos_source * inverse) / PI), faces);
     }
     if i == j || cos_source <= 0.0 {
         return 0.0; // a cell does not light its own plane or what lies behind it
