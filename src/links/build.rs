@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::{Entry, Facing, Links, Rows};
 use crate::error::{Error, Result};
-use crate::expansion::{NEAR_SPACINGS, Surface};
+use crate::expansion::Surface;
 use crate::octree::{Facet, Octree};
 use crate::points::Surfels;
 use crate::progress::Progress;
@@ -242,8 +242,7 @@ impl Traversal<'_> {
         let opening = (a.radius + b.radius) / facing.distance.max(f32::MIN_POSITIVE);
         let apart = opening < MAX_OPENING;
         // Expansions know points only: the near range is for the shapes of the cells.
-        let far = facing.gap >= NEAR_SPACINGS as f32 * a.spacing.max(b.spacing);
-        let expandable = apart && far && TRUNCATION * opening * opening * bound <= allowed;
+        let expandable = apart && !facing.near && TRUNCATION * opening * opening * bound <= allowed;
         let uniform = apart && bound * opening.max(0.3) <= allowed;
         let negligible = bound <= NEGLIGIBLE * allowed;
 
