@@ -8,6 +8,7 @@ struct Segment {
     skip_to: u32,
 }
 
+// What the texels of the tables hold; they are loaded one by one, as late as possible.
 struct Node {
     min: vec3<f32>,
     skip: u32,
@@ -37,10 +38,6 @@ const VISIBLE = 2u;
 
 @group(0) @binding(2) var<storage, read> segments: array<Segment>;
 @group(0) @binding(3) var<storage, read_write> answers: array<u32>;
-
-fn reals(words: vec4<u32>) -> vec4<f32> {
-    return bitcast<vec4<f32>>(words);
-}
 
 fn inverse_of(v: vec3<f32>) -> vec3<f32> {
     let smallest = select(vec3(SMALLEST), vec3(-SMALLEST), v < vec3(0.0));
@@ -91,6 +88,9 @@ fn meets_cell(at: u32, segment: Segment) -> bool {
         && left_of(c67.xy, c67.zw, x, y) && left_of(c67.zw, c01.xy, x, y);
 }
 
+// Walks to the next leaf that is met, then tests its cells: invocations that run in step wait for
+// each other twice a leaf. (With the cells tested inside the walk, all waited at every step: 2.5
+// times slower on eight lanes.)
 fn blocked(segment: Segment) -> bool {
     let inverse = inverse_of(segment.end - segment.start);
     let end = nodes(0u).w;

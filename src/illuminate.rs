@@ -12,7 +12,8 @@ use crate::lights;
 use crate::links::{self, Accuracy, Links};
 use crate::map::IlluminationMap;
 use crate::octree::Octree;
-use crate::operator::{Direct, Fields, Fmm, TransportOperator};
+use crate::operator::{Direct, Fields, Fmm, GpuFmm, TransportOperator};
+use crate::passes::gpu::{Gpu, GpuVisibility};
 use crate::points::{Prepared, Surfels};
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -172,13 +173,17 @@ pub fn illuminate(
         (chosen, _) => chosen,
     };
     let on_cpu;
+    let on_gpu;
     let tester: &dyn Visibility = match (&occluders, &backend) {
         (None, _) => &NothingInTheWay,
         (Some(occluders), Backend::Cpu) => {
             on_cpu = CpuVisibility::<f32>::new(occluders);
             &on_cpu
         }
-        (Some(_), Backend::Gpu { .. }) => todo!(),
+        (Some(occluders), Backend::Gpu { device, queue, .. }) => {
+            on_gpu = GpuVisibility::new(&Gpu::new(device, queue), occluders)?;
+            &on_gpu
+        }
     };
     let visibility = Counted::new(tester);
     let task = Task {
@@ -197,7 +202,10 @@ pub fn illuminate(
         (_, Backend::Cpu) => task.fmm(&mut repairs, &|links, work| {
             work.solve(&Fmm::<f32>::new(&surfels, &octree, links), progress)
         })?,
-        (_, Backend::Gpu { .. }) => todo!(),
+        (_, Backend::Gpu { device, queue, .. }) => task.fmm(&mut repairs, &|links, work| {
+            let gpu = Gpu::new(device, queue);
+            work.solve(&GpuFmm::new(&gpu, &surfels, &octree, links)?, progress)
+        })?,
     };
     let rest = clock.lap();
     let map = to_points(scene, &prepared, &surfels, &solved.irradiance);
@@ -456,7 +464,7 @@ impl Task<'_> {
 
 /// Allowed error of a link in units of the tolerance and the mean irradiance. Errors of many links
 /// add up; the ratio is measured: links allowed 0.01 give a relative error of 0.014 to 0.028.
-const ERROR_A_LINK: f64 = 1.0;
+const ERROR_A_LINK: f64 = 0.5;
 /// The same for the first, rough links.
 const ROUGH_ERROR: f64 = 0.3;
 /// Residual to which the rough links are solved.

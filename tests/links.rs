@@ -91,7 +91,8 @@ fn check_well_formed(links: &Links, octree: &Octree, s: &Surfels) {
     check_rows(&links.far, facets, facets);
     check_rows(&links.sampled, facets, facets);
     check_rows(&links.near, s.len(), s.len());
-    assert!(links.far.weights.iter().all(|&w| w <= 1.0));
+    // Relative to the expansion: twice at most.
+    assert!(links.far.weights.iter().all(|&w| w <= 2.0));
 }
 
 /// How often each ordered pair (target, source) of surfels is linked.
@@ -148,13 +149,13 @@ fn every_pair_is_linked_once() {
                     }
                 }
             }
-            // Measured: at most 0.5% for 0.03.
+            // Measured: at most 0.2% for 0.03.
             println!(
                 "{name}, {error}: {:.1e} of the light dropped",
                 dropped / all
             );
             assert!(
-                dropped <= 0.01 * all || error > 0.03,
+                dropped <= 0.005 * all || error > 0.03,
                 "{name}, {error}: {dropped} {all}"
             );
         }
@@ -223,27 +224,26 @@ fn two_rooms() -> PointCloud {
 }
 
 /// What is allowed a link bounds no sum, so that the trend is certain and the figures are measured;
-/// bounds are 1.5 times those. Allowed 0.03 / 0.003 / 0.0001: room .037 .018 .003; bowl .049 .021
-/// .005. Between two rooms a few surfels in the doorway see what all around them do not: facets
-/// whose samples (32 at most) all miss them lose their light, .045 .021 .024, until facets are as
-/// small as surfels (1e-6: .0002).
+/// bounds are 1.5 to 2 times those. Allowed 0.03 / 0.003 / 0.0001: room .019 .009 .002; bowl .014
+/// .007 .001. Between two rooms a few surfels in the doorway see what all around them do not, and
+/// samples of their facets may miss it: .029 .011; 0.000001: .00001.
 #[test]
 fn error_follows_what_is_allowed() {
     for (name, cloud, steps) in [
         (
             "room",
             cube(12, 0.5, true, 1),
-            [(0.03, 0.06), (0.003, 0.03), (1e-4, 0.005)],
+            [(0.03, 0.03), (0.003, 0.015), (1e-4, 0.004)],
         ),
         (
             "bowl",
             sphere(1000, 1.0, true, 1),
-            [(0.03, 0.08), (0.003, 0.03), (1e-4, 0.008)],
+            [(0.03, 0.025), (0.003, 0.012), (1e-4, 0.003)],
         ),
         (
             "two rooms",
             two_rooms(),
-            [(0.03, 0.08), (0.003, 0.045), (1e-6, 0.001)],
+            [(0.03, 0.05), (0.003, 0.02), (1e-6, 1e-4)],
         ),
     ] {
         let (octree, s) = Octree::build(&surfels(&cloud));

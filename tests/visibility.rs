@@ -3,25 +3,18 @@
 
 mod common;
 
-use common::{clutter, direction, gpu, in_box, polygons, random, room, sphere};
+use common::{
+    clutter, differing, direction, gpu, in_box, polygons, random, room, segment, some_segments,
+    sphere,
+};
 use fmmgi_gpu::Surfels;
-use fmmgi_gpu::error::Error;
-use fmmgi_gpu::passes::gpu::{Gpu, GpuVisibility, TABLE_WIDTH, adapter};
+use fmmgi_gpu::passes::gpu::GpuVisibility;
 use fmmgi_gpu::visibility::{
     CpuVisibility, NO_SURFEL, NothingInTheWay, Occluders, Segment, Visibility, blocked, meets_cell,
 };
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use rand::RngExt;
 use rand::seq::SliceRandom;
-
-fn segment(from: Vec3, to: Vec3) -> Segment {
-    Segment {
-        from: from.to_array(),
-        skip_from: NO_SURFEL,
-        to: to.to_array(),
-        skip_to: NO_SURFEL,
-    }
-}
 
 fn reversed(s: &Segment) -> Segment {
     Segment {
@@ -52,11 +45,6 @@ fn everywhere(surfels: &Surfels, segments: &[Segment]) -> [Vec<bool>; 3] {
 
 fn count(of: &[bool]) -> usize {
     of.iter().filter(|&&v| v).count()
-}
-
-fn differing(a: &[bool], b: &[bool]) -> usize {
-    assert_eq!(a.len(), b.len());
-    a.iter().zip(b).filter(|(a, b)| a != b).count()
 }
 
 /// Whether any cell is met, by another way: all cells in turn, the plane by the parameter of the
@@ -112,29 +100,6 @@ fn scenes() -> Vec<(&'static str, Surfels)> {
         ("lumps", lumps),
         ("shelves", polygons(&shelves, 4, 0.1)),
     ]
-}
-
-/// Long and short segments anywhere, and grazing ones that run from cell to cell just above them.
-fn some_segments(surfels: &Surfels, n: usize) -> Vec<Segment> {
-    let mut rng = random(11);
-    (0..n)
-        .map(|k| match k % 3 {
-            0 => segment(1.2 * in_box(&mut rng), 1.2 * in_box(&mut rng)),
-            1 => {
-                let from = in_box(&mut rng);
-                segment(from, from + 0.2 * direction(&mut rng))
-            }
-            _ => {
-                let [i, j] = [(); 2].map(|_| rng.random_range(0..surfels.len()));
-                let above = |i: usize| surfels.positions[i] + 1e-3 * surfels.normals[i];
-                Segment {
-                    skip_from: i as u32,
-                    skip_to: j as u32,
-                    ..segment(above(i), above(j))
-                }
-            }
-        })
-        .collect()
 }
 
 #[test]
@@ -414,73 +379,4 @@ fn any_layout_is_answered() {
 fn nothing_in_the_way_lets_everything_through() {
     let segments = some_segments(&stack(), 10);
     assert_eq!(NothingInTheWay.visible(&segments).unwrap(), [true; 10]);
-}
-
-#[test]
-fn a_batch_of_any_size_is_answered() {
-    let surfels = sphere(300);
-    let occluders = Occluders::build(&surfels);
-    let device = GpuVisibility::new(gpu(), &occluders).unwrap();
-    for n in [0, 1, 63, 65, 150_000] {
-        let segments = some_segments(&surfels, n);
-        let answers = device.visible(&segments).unwrap();
-        let expected = on_cpu(&surfels, &segments);
-        assert!(differing(&answers, &expected) <= n / 1000);
-    }
-}
-
-#[test]
-fn a_table_of_several_rows_is_read_in_order() {
-    // 60,000 cells of 7 texels: 51 rows and a part.
-    let surfels = clutter(60_000, 0.01, 12);
-    let segments = some_segments(&surfels, 3000);
-    let [single, _, device] = everywhere(&surfels, &segments);
-    assert!(differing(&single, &device) <= 3);
-}
-
-/// A device with lower limits than it could have.
-fn limited(required_limits: wgpu::Limits) -> Gpu {
-    let instance = wgpu::Instance::default();
-    let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
-    let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
-        required_limits,
-        ..Default::default()
-    }))
-    .unwrap();
-    Gpu::new(&device, &queue)
-}
-
-#[test]
-fn a_dispatch_of_several_rows_of_workgroups_is_complete() {
-    let gpu = limited(wgpu::Limits {
-        max_compute_workgroups_per_dimension: 7,
-        ..Default::default()
-    });
-    let surfels = clutter(2000, 0.1, 4);
-    let device = GpuVisibility::new(&gpu, &Occluders::build(&surfels)).unwrap();
-    // 32 workgroups: 5 rows of 7.
-    let segments = some_segments(&surfels, 2000);
-    let answers = device.visible(&segments).unwrap();
-    assert!(differing(&answers, &on_cpu(&surfels, &segments)) <= 2);
-}
-
-#[test]
-fn a_table_that_is_too_large_is_an_error() {
-    let gpu = limited(wgpu::Limits {
-        max_texture_dimension_2d: 2,
-        ..Default::default()
-    });
-    let data = vec![[0u32; 4]; 2 * TABLE_WIDTH as usize + 1];
-    let result = gpu.table("nodes", &data);
-    assert!(matches!(result.map(|_| ()), Err(Error::TooLarge(_))));
-}
-
-#[test]
-fn a_lost_device_is_an_error() {
-    let open = adapter::open(&adapter::AdapterChoice::Any).unwrap();
-    let gpu = Gpu::new(&open.device, &open.queue);
-    let device = GpuVisibility::new(&gpu, &Occluders::build(&stack())).unwrap();
-    open.device.destroy();
-    let answer = device.visible(&[segment(Vec3::X, Vec3::Y)]);
-    assert!(matches!(answer, Err(Error::Device(_))), "{answer:?}");
 }

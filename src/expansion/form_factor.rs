@@ -8,35 +8,33 @@ use crate::points::MAX_EDGES;
 /// Lambert's formula 1/(2π) Σ angle_k · n · (a_k × b_k)/|a_k × b_k| over the edges (a_k, b_k) of the
 /// polygon clipped at the element's horizon (Howell, catalogue of configuration factors, B-3).
 pub fn polygon_form_factor<T: Real>(normal: T::Vec3, corners: &[T::Vec3; MAX_EDGES]) -> T {
-    // Walking round, keep the part above the horizon. Where the walk dips below it, the clipped
-    // polygon runs along the horizon, from the place of descent to that of ascent.
+    // Walk round the polygon and past the corners of its part above the horizon, one by one. (An
+    // edge that lies in the horizon may cross it several times by rounding.)
     let mut sum = T::ZERO;
-    let mut descent = T::Vec3::default();
-    let mut ascent = T::Vec3::default();
-    let mut dips = false;
-    for k in 0..MAX_EDGES {
-        let (mut a, mut b) = (corners[k], corners[(k + 1) % MAX_EDGES]);
-        let (ha, hb) = (normal.dot(a), normal.dot(b));
-        if ha < T::ZERO && hb < T::ZERO {
-            continue;
-        }
-        if ha < T::ZERO || hb < T::ZERO {
-            let crossing = a + (b - a) * (ha / (ha - hb));
-            dips = true;
-            if ha < T::ZERO {
-                ascent = crossing;
-                a = crossing;
-            } else {
-                descent = crossing;
-                b = crossing;
+    let mut ends: Option<(T::Vec3, T::Vec3)> = None;
+    let mut pass = |p: T::Vec3| {
+        ends = Some(match ends {
+            None => (p, p),
+            Some((first, last)) => {
+                sum += edge(normal, last, p);
+                (first, p)
             }
+        });
+    };
+    for k in 0..MAX_EDGES {
+        let (a, b) = (corners[k], corners[(k + 1) % MAX_EDGES]);
+        let (height_a, height_b) = (normal.dot(a), normal.dot(b));
+        if height_a >= T::ZERO {
+            pass(a);
         }
-        sum += edge(normal, a, b);
+        if (height_a >= T::ZERO) != (height_b >= T::ZERO) {
+            pass(a + (b - a) * (height_a / (height_a - height_b)));
+        }
     }
-    if dips {
-        sum += edge(normal, descent, ascent);
+    if let Some((first, last)) = ends {
+        sum += edge(normal, last, first);
     }
-    // Corners are counter-clockwise from the front, so clockwise seen along the way to them.
+    // Corners go round counter-clockwise from the front, clockwise from where the light arrives.
     (-sum / (T::PI + T::PI)).max(T::ZERO)
 }
 

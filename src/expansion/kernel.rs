@@ -7,8 +7,6 @@ use crate::points::{MAX_EDGES, Surfels};
 /// Pairs closer than this many spacings (square root of the larger area) take the exact form
 /// factor of the source's cell; farther ones the point kernel.
 pub const NEAR_SPACINGS: f64 = 2.0;
-/// Square of the height, in units of the near range, up to which a point lies in a cell's plane.
-const IN_PLANE: f64 = 1e-12;
 
 /// max(0, n_x·(y-x)) max(0, n_y·(x-y)) / (π |x-y|⁴), in 1/unit²; 0 where x = y.
 #[inline(always)]
@@ -84,11 +82,8 @@ impl<T: Real> Surface<T> {
         if r.dot(r) >= near {
             return self.point_form_factor(i, j);
         }
-        // A cell does not light its own plane or what lies behind it; nor what rounding lifts off
-        // the plane, for which the signs of the corners' heights would be noise.
-        let height = -self.normals[j].dot(r);
-        if i == j || height <= T::ZERO || height * height < T::from_f64(IN_PLANE) * near {
-            return T::ZERO;
+        if i == j || self.normals[j].dot(r) >= T::ZERO {
+            return T::ZERO; // a cell does not light its own plane or what lies behind it
         }
         polygon_form_factor::<T>(self.normals[i], &self.corners[j].map(|c| r + c))
     }

@@ -8,13 +8,14 @@
 //! The pairs of one level are judged together, so that their segments are tested in large batches
 //! on whichever backend there is, and the result does not depend on the number of threads.
 
+use glam::Vec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
 use super::{Entry, Facing, Links, Rows};
 use crate::error::{Error, Result};
-use crate::expansion::Surface;
+use crate::expansion::{Local, Moments, Surface};
 use crate::octree::{Facet, Octree};
 use crate::points::Surfels;
 use crate::progress::Progress;
@@ -44,6 +45,8 @@ const MAX_DEVIATION: f32 = 0.3;
 const SAMPLES: [f32; 2] = [4.0, 32.0];
 /// Segments of a link that brings too little to matter.
 const NEGLIGIBLE_SAMPLES: usize = 2;
+/// Largest weight of a far link: more means that the samples missed where the expansion is small.
+const MAX_FRACTION: f32 = 2.0;
 /// Pairs of facets judged in one batch.
 const BATCH: usize = 1 << 15;
 
@@ -65,6 +68,7 @@ pub fn build(
         far: Vec::new(),
         sampled: Vec::new(),
         near: Vec::new(),
+        smooth: 0,
     };
     let mut level = vec![Pair {
         target: 0,
@@ -91,6 +95,7 @@ pub fn build(
         far: Rows::new(facets, traversal.far),
         sampled: Rows::new(facets, traversal.sampled),
         near: Rows::new(surfels.len(), traversal.near),
+        smooth: traversal.smooth,
     })
 }
 
@@ -129,8 +134,6 @@ struct Candidate {
     negligible: bool,
     /// Samples drawn, with those that do not face each other.
     drawn: usize,
-    /// Upper bound of the form factor from a surfel of the target to the whole source.
-    form_factor: f32,
     /// Largest irradiance that the source can cause at the target.
     bound: f32,
     allowed: f32,
@@ -142,9 +145,11 @@ struct Candidate {
 
 /// What the samples of a candidate say.
 enum Outcome {
-    Reject,
     Drop,
-    Far(f32),
+    Split,
+    Near,
+    /// Weight, and whether nothing was seen in the way.
+    Far(f32, bool),
     Sampled(f32),
 }
 
@@ -157,6 +162,7 @@ struct Traversal<'a> {
     far: Vec<Entry>,
     sampled: Vec<Entry>,
     near: Vec<Entry>,
+    smooth: u64,
 }
 
 impl Traversal<'_> {
@@ -175,15 +181,17 @@ impl Traversal<'_> {
             })
             .collect();
 
-        // Links that their samples selected are measured afresh.
+        // Links that their samples selected are measured afresh; leaves whose samples disagree
+        // exchange light surfel by surfel.
         let fresh: Vec<Vec<Sample>> = verdicts
             .par_iter()
             .zip(&outcomes)
             .zip(batch)
             .map(|((verdict, outcome), &pair)| match (verdict, outcome) {
-                (Verdict::Candidate(c), Outcome::Far(_) | Outcome::Sampled(_)) if c.selected() => {
+                (Verdict::Candidate(c), Outcome::Far(..) | Outcome::Sampled(_)) if c.selected() => {
                     self.draw(pair, c.drawn, 1)
                 }
+                (Verdict::Candidate(_), Outcome::Near) => self.all_pairs(pair),
                 _ => Vec::new(),
             })
             .collect();
@@ -193,15 +201,11 @@ impl Traversal<'_> {
             let pair = batch[k];
             match (verdict, outcome) {
                 (Verdict::Drop, _) | (Verdict::Candidate(_), Outcome::Drop) => {}
-                (Verdict::Near(samples), _) => {
-                    let seen = samples.iter().zip(&visible[k]).filter(|&(_, &v)| v);
-                    self.near.extend(seen.map(|(s, _)| Entry {
-                        target: s.target,
-                        source: s.source,
-                        weight: s.weight,
-                    }));
+                (Verdict::Near(samples), _) => self.add_near(&samples, &visible[k]),
+                (Verdict::Candidate(_), Outcome::Near) => {
+                    self.add_near(&fresh[k], &fresh_visible[k]);
                 }
-                (Verdict::Split, _) | (Verdict::Candidate(_), Outcome::Reject) => {
+                (Verdict::Split, _) | (Verdict::Candidate(_), Outcome::Split) => {
                     self.split(pair, next);
                 }
                 (Verdict::Candidate(c), mut outcome) => {
@@ -214,7 +218,10 @@ impl Traversal<'_> {
                         weight,
                     };
                     match outcome {
-                        Outcome::Far(fraction) if fraction > 0.0 => self.far.push(entry(fraction)),
+                        Outcome::Far(fraction, smooth) if fraction > 0.0 => {
+                            self.far.push(entry(fraction));
+                            self.smooth += u64::from(smooth);
+                        }
                         Outcome::Sampled(kernel) if kernel > 0.0 => {
                             self.sampled.push(entry(kernel));
                         }
@@ -224,6 +231,15 @@ impl Traversal<'_> {
             }
         }
         Ok(())
+    }
+
+    fn add_near(&mut self, samples: &[Sample], visible: &[bool]) {
+        let seen = samples.iter().zip(visible).filter(|&(_, &v)| v);
+        self.near.extend(seen.map(|(s, _)| Entry {
+            target: s.target,
+            source: s.source,
+            weight: s.weight,
+        }));
     }
 
     /// What the bounds say of a pair of facets, before any segment is tested.
@@ -241,7 +257,6 @@ impl Traversal<'_> {
         let bound = radiosity * form_factor;
         let opening = (a.radius + b.radius) / facing.distance.max(f32::MIN_POSITIVE);
         let apart = opening < MAX_OPENING;
-        // Expansions know points only: the near range is for the shapes of the cells.
         let expandable = apart && !facing.near && TRUNCATION * opening * opening * bound <= allowed;
         let uniform = apart && bound * opening.max(0.3) <= allowed;
         let negligible = bound <= NEGLIGIBLE * allowed;
@@ -256,16 +271,16 @@ impl Traversal<'_> {
             let exhaustive = pairs <= wanted;
             let drawn = wanted.min(pairs);
             let samples = if exhaustive {
-                self.all_pairs(pair, |i, j| self.surface.form_factor(i, j))
+                self.all_pairs(pair)
             } else {
                 self.draw(pair, drawn, 0)
             };
-            let all_face = facing.full() || samples.len() == drawn;
+            // Two samples of a negligible link cannot show that all face each other.
+            let all_face = facing.full() || !negligible && samples.iter().all(|s| s.weight > 0.0);
             return Verdict::Candidate(Candidate {
                 exhaustive,
                 negligible,
                 drawn,
-                form_factor,
                 bound,
                 allowed,
                 smooth: expandable && all_face,
@@ -274,21 +289,23 @@ impl Traversal<'_> {
             });
         }
         if a.is_leaf() && b.is_leaf() {
-            return Verdict::Near(self.all_pairs(pair, |i, j| self.surface.form_factor(i, j)));
+            return Verdict::Near(self.all_pairs(pair));
         }
         Verdict::Split
     }
 
     /// What the tested samples say of a candidate.
     fn decide(&self, pair: Pair, c: &Candidate, visible: &[bool]) -> Outcome {
-        if c.samples.is_empty() && (c.negligible || c.exhaustive) {
+        let none_face = c.samples.iter().all(|s| s.weight == 0.0);
+        if none_face && (c.negligible || c.exhaustive) {
             return Outcome::Drop;
         }
         if c.smooth {
-            let fraction = visible_fraction(&c.samples, visible);
-            let deviation = (fraction * (1.0 - fraction)).sqrt();
+            let seen = visible_weight(&c.samples, visible);
+            let fraction = seen / c.samples.iter().map(|s| s.weight).sum::<f32>();
+            let deviation = (fraction * (1.0 - fraction)).max(0.0).sqrt();
             if c.negligible || c.bound * deviation <= MAX_DEVIATION * c.allowed {
-                return Outcome::Far(fraction);
+                return self.far(pair, &c.samples, visible);
             }
         } else if c.uniform {
             let (mean, square) = c
@@ -305,10 +322,15 @@ impl Traversal<'_> {
             let power = source.len() as f32 * self.accuracy.radiosity[pair.source as usize];
             let deviation = (square - mean * mean).max(0.0).sqrt() * power;
             if c.negligible || deviation <= MAX_DEVIATION * c.allowed {
-                return Outcome::Sampled(self.kernel(pair, c, mean));
+                return Outcome::Sampled(self.kernel(pair, mean));
             }
         }
-        Outcome::Reject
+        let (a, b) = self.facets(pair);
+        if a.is_leaf() && b.is_leaf() {
+            Outcome::Near
+        } else {
+            Outcome::Split
+        }
     }
 
     /// The weight of an accepted link, from fresh samples.
@@ -321,25 +343,59 @@ impl Traversal<'_> {
         visible: &[bool],
     ) -> Outcome {
         match accepted {
-            Outcome::Far(_) if !samples.is_empty() => {
-                Outcome::Far(visible_fraction(samples, visible))
-            }
+            Outcome::Far(..) => self.far(pair, samples, visible),
             Outcome::Sampled(_) => {
                 let mean = visible_weight(samples, visible) / c.drawn as f32;
-                Outcome::Sampled(self.kernel(pair, c, mean))
+                Outcome::Sampled(self.kernel(pair, mean))
             }
             kept => kept,
         }
     }
 
-    /// Kernel that acts on the source's power, from the mean weight of one pair of surfels. A few
-    /// samples of facets that touch may overshoot; no form factor exceeds its bound.
-    fn kernel(&self, pair: Pair, c: &Candidate, mean: f32) -> f32 {
-        let source = &self.octree.facets[pair.source as usize];
-        (mean / source.mean_area()).min(c.form_factor / source.area)
+    /// A far link. Its weight is the light seen by the samples relative to what the expansions give
+    /// for the same samples. So the error of truncation, which has the same sign in most links and
+    /// adds up, is left in the noise of the samples, which has not.
+    fn far(&self, pair: Pair, samples: &[Sample], visible: &[bool]) -> Outcome {
+        let (a, b) = self.facets(pair);
+        let s = self.surface;
+        let way = a.centre - b.centre;
+        let distance = way.length();
+        let expanded: f32 = samples
+            .iter()
+            .map(|sample| {
+                let (i, j) = (sample.target as usize, sample.source as usize);
+                let mut moments = Moments::<f32>::default();
+                let place = (s.positions[j] - b.centre) / b.scale();
+                moments.add_surfel(Vec3::splat(s.areas[j]), s.normals[j], place);
+                let mut local = Local::default();
+                local.add_moments(
+                    &moments,
+                    way / distance,
+                    distance,
+                    b.scale() / distance,
+                    a.scale() / distance,
+                    1.0,
+                );
+                let place = (s.positions[i] - a.centre) / a.scale();
+                local.irradiance(s.normals[i], place).x
+            })
+            .sum();
+        let fraction = match expanded > 0.0 {
+            true => (visible_weight(samples, visible) / expanded).min(MAX_FRACTION),
+            false => 0.0,
+        };
+        let facing = samples.iter().filter(|s| s.weight > 0.0).count();
+        let smooth = visible.iter().filter(|&&v| v).count() == facing;
+        Outcome::Far(fraction, smooth)
     }
 
-    /// Draws pairs of surfels, spread over both facets; keeps those that face each other.
+    /// Kernel that acts on the source's power, from the mean weight of one pair of surfels.
+    fn kernel(&self, pair: Pair, mean: f32) -> f32 {
+        let source = &self.octree.facets[pair.source as usize];
+        mean / source.mean_area()
+    }
+
+    /// Draws pairs of surfels, spread over both facets.
     fn draw(&self, pair: Pair, count: usize, round: u64) -> Vec<Sample> {
         const GOLDEN: f32 = 0.618_034;
         let (a, b) = self.facets(pair);
@@ -351,38 +407,31 @@ impl Traversal<'_> {
             facet.begin as usize + ((part * n as f32) as usize).min(n - 1)
         };
         (0..count)
-            .filter_map(|q| {
+            .map(|q| {
                 let q = q as f32;
                 let u = (q + random.random::<f32>()) / count as f32;
                 let v = (q * GOLDEN + shift + random.random::<f32>() / count as f32).fract();
                 let (i, j) = (at(u, a), at(v, b));
-                let weight = self.surface.form_factor(i, j);
-                (weight > 0.0).then_some(Sample {
+                Sample {
                     target: i as u32,
                     source: j as u32,
-                    weight,
-                })
+                    weight: self.surface.form_factor(i, j),
+                }
             })
             .collect()
     }
 
-    /// All pairs of surfels with a positive weight.
-    fn all_pairs(&self, pair: Pair, weight: impl Fn(usize, usize) -> f32) -> Vec<Sample> {
+    /// All pairs of surfels.
+    fn all_pairs(&self, pair: Pair) -> Vec<Sample> {
         let (a, b) = self.facets(pair);
-        let mut samples = Vec::new();
-        for i in a.surfels() {
-            for j in b.surfels() {
-                let weight = weight(i, j);
-                if weight > 0.0 {
-                    samples.push(Sample {
-                        target: i as u32,
-                        source: j as u32,
-                        weight,
-                    });
-                }
-            }
-        }
-        samples
+        a.surfels()
+            .flat_map(|i| b.surfels().map(move |j| (i, j)))
+            .map(|(i, j)| Sample {
+                target: i as u32,
+                source: j as u32,
+                weight: self.surface.form_factor(i, j),
+            })
+            .collect()
     }
 
     /// The children of the larger facet with the other one.
@@ -395,7 +444,8 @@ impl Traversal<'_> {
         }
     }
 
-    /// Tests the segments of all samples; the answers come in the samples' groups.
+    /// Which samples see each other, in their groups; those that do not face each other are not
+    /// tested.
     fn test<'s>(
         &self,
         groups: impl Iterator<Item = &'s [Sample]> + Clone,
@@ -403,11 +453,16 @@ impl Traversal<'_> {
         let segments: Vec<Segment> = groups
             .clone()
             .flatten()
+            .filter(|s| s.weight > 0.0)
             .map(|s| self.surfels.segment(s.target as usize, s.source as usize))
             .collect();
         let mut answers = self.visibility.visible(&segments)?.into_iter();
         Ok(groups
-            .map(|g| answers.by_ref().take(g.len()).collect())
+            .map(|g| {
+                g.iter()
+                    .map(|s| s.weight > 0.0 && answers.next() == Some(true))
+                    .collect()
+            })
             .collect())
     }
 
@@ -432,14 +487,6 @@ impl Verdict {
             Verdict::Drop | Verdict::Split => &[],
         }
     }
-}
-
-/// Visible part of the samples' light.
-fn visible_fraction(samples: &[Sample], visible: &[bool]) -> f32 {
-    if visible.iter().all(|&v| v) {
-        return 1.0;
-    }
-    visible_weight(samples, visible) / samples.iter().map(|s| s.weight).sum::<f32>()
 }
 
 /// Sum of the weights of the visible samples.

@@ -10,10 +10,9 @@ pub struct Facing {
     pub distance: f32,
     /// Least distance of an x and a y.
     pub gap: f32,
-    /// Some pairs may be so close that the shape of the source's cells counts.
+    /// Some pairs may be in the near range, where sources are cells and not points.
     pub near: bool,
-    /// Bounds of n_x · (y - x), the target's normals against the way to the source; for near pairs
-    /// the upper one holds for the corners of cells.
+    /// Bounds of n_x · (y - x): the target's normals against the way to the source.
     pub target: [f32; 2],
     /// Bounds of n_y · (x - y).
     pub source: [f32; 2],
@@ -29,20 +28,19 @@ impl Facing {
             .max(glam::Vec3::ZERO)
             .length();
         let gap = apart.max(distance - reach);
-        let spacing = target.spacing.max(source.spacing);
-        let near = gap < NEAR_SPACINGS as f32 * spacing;
-        let mut bounds = heights(target, source, farthest);
-        if near {
-            // A cell may rise above the horizon of a target that its point lies below.
-            bounds[1] += source.spacing;
-        }
-        Facing {
+        let mut facing = Facing {
             distance,
             gap,
-            near,
-            target: bounds,
+            near: gap < NEAR_SPACINGS as f32 * target.spacing.max(source.spacing),
+            target: heights(target, source, farthest),
             source: heights(source, target, farthest),
+        };
+        if facing.near {
+            // In the near range a source is its cell, part of which may rise above the horizon.
+            facing.target[0] -= source.reach;
+            facing.target[1] += source.reach;
         }
+        facing
     }
 
     /// No surfel of one faces any surfel of the other.

@@ -12,8 +12,10 @@ pub use facing::Facing;
 /// one of the three.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Links {
-    /// Facet from facet by expansion; the weight is the visible fraction, 1 for smooth links.
+    /// Facet from facet by expansion; the weight is the visible part, relative to the expansion.
     pub far: Rows,
+    /// How many far links are smooth: none of their segments met anything.
+    pub smooth: u64,
     /// Facet from facet where only some pairs face each other: the weight is the mean of the clamped
     /// kernel times visibility, which acts on the source's power.
     pub sampled: Rows,
@@ -24,10 +26,9 @@ pub struct Links {
 impl Links {
     /// Numbers of links by kind, as the stats show them.
     pub fn counts(&self) -> [(&'static str, u64); 4] {
-        let smooth = self.far.weights.iter().filter(|&&w| w == 1.0).count();
         [
-            ("smooth", smooth as u64),
-            ("fractional", (self.far.len() - smooth) as u64),
+            ("smooth", self.smooth),
+            ("fractional", self.far.len() as u64 - self.smooth),
             ("sampled", self.sampled.len() as u64),
             ("near", self.near.len() as u64),
         ]

@@ -32,6 +32,8 @@ pub struct Facet {
     pub area: f32,
     /// Square root of the largest area.
     pub spacing: f32,
+    /// Largest distance of a cell's corner from its surfel.
+    pub reach: f32,
 }
 
 impl Facet {
@@ -122,6 +124,10 @@ impl Facet {
             slab: [slab[0] as f32, slab[1] as f32],
             area: area as f32,
             spacing: areas().fold(0.0, f64::max).sqrt() as f32,
+            reach: members
+                .iter()
+                .flat_map(|&i| surfels.cells.corners[i as usize])
+                .fold(0.0, |reach, corner| corner.length().max(reach)),
         }
     }
 }

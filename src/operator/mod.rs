@@ -4,10 +4,14 @@
 mod direct;
 mod fields;
 mod fmm;
+mod gpu;
+mod gpu_fields;
 
 pub use direct::{Direct, exact_irradiance};
 pub use fields::{Fields, HostFields};
 pub use fmm::Fmm;
+pub use gpu::GpuFmm;
+pub use gpu_fields::GpuFields;
 
 use crate::error::Result;
 

@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use fmmgi_gpu::Surfels;
 use fmmgi_gpu::passes::gpu::{Gpu, adapter};
 use fmmgi_gpu::points::{Cells, MAX_EDGES};
+use fmmgi_gpu::visibility::{NO_SURFEL, Segment};
 use glam::{Vec2, Vec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -126,4 +127,41 @@ pub fn clutter(n: usize, radius: f32, seed: u64) -> Surfels {
         all.cells.corners[i] = one.cells.corners[0];
     }
     all
+}
+
+pub fn segment(from: Vec3, to: Vec3) -> Segment {
+    Segment {
+        from: from.to_array(),
+        skip_from: NO_SURFEL,
+        to: to.to_array(),
+        skip_to: NO_SURFEL,
+    }
+}
+
+/// Long and short segments anywhere, and grazing ones that run from cell to cell just above them.
+pub fn some_segments(surfels: &Surfels, n: usize) -> Vec<Segment> {
+    let mut rng = random(11);
+    (0..n)
+        .map(|k| match k % 3 {
+            0 => segment(1.2 * in_box(&mut rng), 1.2 * in_box(&mut rng)),
+            1 => {
+                let from = in_box(&mut rng);
+                segment(from, from + 0.2 * direction(&mut rng))
+            }
+            _ => {
+                let [i, j] = [(); 2].map(|_| rng.random_range(0..surfels.len()));
+                let above = |i: usize| surfels.positions[i] + 1e-3 * surfels.normals[i];
+                Segment {
+                    skip_from: i as u32,
+                    skip_to: j as u32,
+                    ..segment(above(i), above(j))
+                }
+            }
+        })
+        .collect()
+}
+
+pub fn differing(a: &[bool], b: &[bool]) -> usize {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).filter(|(a, b)| a != b).count()
 }

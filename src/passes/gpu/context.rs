@@ -4,14 +4,10 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
 use bytemuck::Pod;
-use wgpu::{BufferUsages, ErrorFilter, PollType, TextureUsages};
+use wgpu::{BufferUsages, ErrorFilter, PollType};
 
 use crate::error::{Error, Result};
 
-/// Texels a row of a table. Every device has textures so wide, and a power of two divides fast.
-pub const TABLE_WIDTH: u32 = 8192;
-/// Bytes a texel.
-const TEXEL: usize = 16;
 /// Longest wait for a device; its work is cut into pieces of a fraction of a second.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
@@ -20,17 +16,6 @@ const TIMEOUT: Duration = Duration::from_secs(60);
 pub struct Gpu {
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
-}
-
-/// Read-only data in texels of 16 bytes; see `shaders/shared/table.wgsl`.
-pub struct Table {
-    view: wgpu::TextureView,
-}
-
-impl Table {
-    pub fn binding(&self) -> wgpu::BindingResource<'_> {
-        wgpu::BindingResource::TextureView(&self.view)
-    }
 }
 
 impl Gpu {
@@ -65,59 +50,6 @@ impl Gpu {
         }
     }
 
-    /// Uploads elements of whole texels.
-    pub fn table<T: Pod>(&self, what: &str, data: &[T]) -> Result<Table> {
-        const { assert!(size_of::<T>().is_multiple_of(TEXEL)) };
-        let bytes: &[u8] = bytemuck::cast_slice(data);
-        let row = TABLE_WIDTH as usize * TEXEL;
-        let rows = bytes.len().div_ceil(row).max(1);
-        let most = self.device.limits().max_texture_dimension_2d;
-        if rows > most as usize {
-            return Err(Error::TooLarge(format!(
-                "{what}: {} MiB do not fit into a table of this device, which holds {} MiB",
-                bytes.len() >> 20,
-                (row as u64 * most as u64) >> 20
-            )));
-        }
-        let size = |width, height| wgpu::Extent3d {
-            width,
-            height,
-            depth_or_array_layers: 1,
-        };
-        self.watch(what, || {
-            let texture = self.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(what),
-                size: size(TABLE_WIDTH, rows as u32),
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: wgpu::TextureFormat::Rgba32Uint,
-                usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
-                view_formats: &[],
-            });
-            // Whole rows at once, then what is left of the last.
-            let (whole, rest) = bytes.split_at(bytes.len() / row * row);
-            for (part, y) in [(whole, 0), (rest, (whole.len() / row) as u32)] {
-                let width = part.len().min(row) / TEXEL;
-                if width == 0 {
-                    continue;
-                }
-                let mut to = texture.as_image_copy();
-                to.origin.y = y;
-                let layout = wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(row as u32),
-                    rows_per_image: None,
-                };
-                let height = part.len().div_ceil(row) as u32;
-                self.queue
-                    .write_texture(to, part, layout, size(width as u32, height));
-            }
-            let view = texture.create_view(&Default::default());
-            Ok(Table { view })
-        })
-    }
-
     /// Largest number of elements of `bytes` that one binding of a storage buffer can hold.
     pub fn most_bound(&self, bytes: usize) -> usize {
         let limits = self.device.limits();
@@ -129,8 +61,25 @@ impl Gpu {
 
     /// A storage buffer that can be copied to and from.
     pub fn storage(&self, what: &str, bytes: usize) -> Result<wgpu::Buffer> {
+        let most = self.most_bound(1);
+        if bytes > most {
+            return Err(Error::TooLarge(format!(
+                "{what}: {} MiB do not fit into a buffer of this device, which holds {} MiB",
+                bytes >> 20,
+                most >> 20
+            )));
+        }
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST;
         self.buffer(what, bytes, usage)
+    }
+
+    /// A uniform buffer that holds `data`.
+    pub fn uniform<T: Pod>(&self, what: &str, data: &[T]) -> Result<wgpu::Buffer> {
+        let usage = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
+        let buffer = self.buffer(what, size_of_val(data), usage)?;
+        self.queue
+            .write_buffer(&buffer, 0, bytemuck::cast_slice(data));
+        Ok(buffer)
     }
 
     /// A buffer to read results from.
@@ -182,7 +131,7 @@ impl Gpu {
     }
 
     /// Waits for the device, which may be gone: wgpu panics if it is lost during the wait.
-    fn wait(&self, what: &str) -> Result<()> {
+    pub(super) fn wait(&self, what: &str) -> Result<()> {
         let poll = || {
             self.device.poll(PollType::Wait {
                 submission_index: None,

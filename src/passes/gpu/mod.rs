@@ -1,12 +1,22 @@
 //! WGSL stages on a device and queue that the caller hands over.
 
 pub mod adapter;
+mod batch;
 mod context;
+mod form_factor;
 mod pace;
 mod shader;
+mod stages;
+mod table;
 mod visibility;
+pub mod wgsl;
 
-pub use context::{Gpu, TABLE_WIDTH, Table};
+pub use batch::{Batch, Batches, Pieces};
+pub use context::Gpu;
+pub use form_factor::{Cell, GpuFormFactors};
 pub use pace::Pace;
-pub use shader::{Pipeline, SHADERS, Shader, WORKGROUP};
+pub use shader::{Pipeline, Shader, WORKGROUP};
+pub use stages::{COEFFICIENTS, Facet, Link, Stages, Surfel};
+pub use table::{TABLE_WIDTH, Table};
 pub use visibility::GpuVisibility;
+pub use wgsl::SHADERS;

@@ -4,35 +4,50 @@ use wgpu::BindingResource;
 
 use crate::error::Result;
 
-use super::context::{Gpu, TABLE_WIDTH};
+use super::{Gpu, TABLE_WIDTH};
 
 /// Invocations a workgroup, of all stages.
 pub const WORKGROUP: u32 = 64;
+
+/// Where the part of the items that a dispatch works on is bound, and where it reports to.
+pub(super) const RANGE_BINDING: u32 = 14;
+pub(super) const REPORTS_BINDING: u32 = 15;
 
 /// A stage: its entry point is `main`.
 pub struct Shader {
     pub name: &'static str,
     /// Tables that it reads, bound at 0, 1, ...; `name(i)` is texel i.
     pub tables: &'static [&'static str],
-    /// The rest: constants, bindings after the tables, functions.
+    /// Expansions that it reads or writes, bound after the tables.
+    pub expansions: &'static [&'static str],
+    /// Shared texts that it needs.
+    pub shared: &'static [&'static str],
+    /// The rest: constants, bindings after those, functions.
     pub text: &'static str,
 }
 
-/// All stages.
-pub const SHADERS: &[&Shader] = &[&super::visibility::SHADER];
-
 impl Shader {
-    /// The whole WGSL: sizes that are declared in Rust, shared functions, tables, the stage.
+    /// The whole WGSL: sizes that are declared in Rust, shared functions, tables, expansions, the
+    /// stage.
     pub fn source(&self) -> String {
         let mut source = format!(
             "const WORKGROUP = {WORKGROUP}u;\nconst TABLE_WIDTH = {TABLE_WIDTH}u;\n{}",
             include_str!("../../../shaders/shared/invocation.wgsl")
         );
-        for (binding, name) in self.tables.iter().enumerate() {
-            let table = include_str!("../../../shaders/shared/table.wgsl");
-            source += &table
+        let table = include_str!("../../../shaders/shared/table.wgsl");
+        let expansions = include_str!("../../../shaders/shared/expansions.wgsl");
+        let tables = self.tables.iter().map(|name| (table, name));
+        let bound = tables.chain(self.expansions.iter().map(|name| (expansions, name)));
+        for (binding, (text, name)) in bound.enumerate() {
+            source += &text
                 .replace("NAME", name)
                 .replace("BINDING", &binding.to_string());
+        }
+        for text in self.shared {
+            source += &text
+                .replace("RANGE_BINDING", &RANGE_BINDING.to_string())
+                .replace("REPORTS_BINDING", &REPORTS_BINDING.to_string())
+                .replace("STAGE", self.name);
         }
         source + self.text
     }
@@ -69,37 +84,46 @@ impl Pipeline {
         })
     }
 
-    /// Records `invocations` of the stage, with `resources` bound at 0, 1, ...
+    /// Records `invocations` of the stage, with `resources` bound at 0, 1, ...; returns the number
+    /// of workgroups.
     pub fn dispatch(
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         resources: &[BindingResource],
         invocations: u32,
-    ) {
-        let entries: Vec<_> = (0..)
-            .zip(resources)
-            .map(|(binding, resource)| wgpu::BindGroupEntry {
-                binding,
-                resource: resource.clone(),
-            })
-            .collect();
+    ) -> u32 {
+        let entries = (0..)
+            .zip(resources.iter().cloned())
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource });
+        self.dispatch_entries(gpu, encoder, &entries.collect::<Vec<_>>(), invocations)
+    }
+
+    pub(super) fn dispatch_entries(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        entries: &[wgpu::BindGroupEntry],
+        invocations: u32,
+    ) -> u32 {
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(self.name),
             layout: &self.pipeline.get_bind_group_layout(0),
-            entries: &entries,
+            entries,
         });
         // Rows of workgroups, because one row is not long enough for all.
         let groups = invocations.div_ceil(WORKGROUP);
         let row = groups.min(gpu.device.limits().max_compute_workgroups_per_dimension);
+        let rows = groups.checked_div(row).map_or(0, |_| groups.div_ceil(row));
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(self.name),
             timestamp_writes: None,
         });
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &group, &[]);
-        if row > 0 {
-            pass.dispatch_workgroups(row, groups.div_ceil(row), 1);
+        if rows > 0 {
+            pass.dispatch_workgroups(row, rows, 1);
         }
+        row * rows
     }
 }

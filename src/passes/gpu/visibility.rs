@@ -8,13 +8,8 @@ use wgpu::BindingResource;
 use crate::error::{Error, Result};
 use crate::visibility::{Occluders, Segment, Visibility};
 
-use super::{Gpu, Pace, Pipeline, Shader, Table};
-
-pub(super) const SHADER: Shader = Shader {
-    name: "visibility",
-    tables: &["nodes", "occluders"],
-    text: include_str!("../../../shaders/visibility.wgsl"),
-};
+use super::wgsl::VISIBILITY;
+use super::{Gpu, Pace, Pipeline, Table};
 
 /// Segments of the first piece: few enough for the slowest device.
 const FIRST: usize = 2048;
@@ -54,7 +49,7 @@ impl GpuVisibility {
         Ok(GpuVisibility {
             nodes: gpu.table("nodes", &occluders.nodes)?,
             occluders: gpu.table("occluders", &occluders.occluders)?,
-            pipeline: Pipeline::new(gpu, &SHADER)?,
+            pipeline: Pipeline::new(gpu, &VISIBILITY)?,
             batch: Mutex::new(batch),
             gpu: gpu.clone(),
         })

@@ -1,0 +1,8 @@
+// x *= a, colour by colour.
+
+@group(0) @binding(0) var<uniform> a: f32;
+@group(0) @binding(1) var<storage, read_write> x: array<vec4<f32>>;
+
+fn scale(i: u32) {
+    x[i] = vec4(x[i].xyz * a, 0.0);
+}

@@ -1,0 +1,32 @@
+// Expansions as in src/expansion/tensor.rs, red, green and blue together: a matrix holds one colour
+// a column.
+struct Expansion {
+    // Column k is the charge Q_k, or the field F_k.
+    zeroth: mat3x3<f32>,
+    // Column l of matrix k is the dipole M_kl, or the gradient G_kl.
+    first: array<mat3x3<f32>, 3>,
+    // The power, or what does not depend on the normal.
+    scalar: vec3<f32>,
+}
+
+// In memory: so many vectors of red, green, blue and 0, in the order of the struct.
+const COEFFICIENTS = 13u;
+
+// What the texels of the table of facets hold.
+struct Facet {
+    centre: vec3<f32>,
+    scale: f32,
+    begin: u32,
+    end: u32,
+    first_child: u32,
+    child_count: u32,
+    parent: u32,
+    padding: array<u32, 3>,
+}
+
+const FACET_TEXELS = 3u;
+
+// Column k is colour * v_k.
+fn outer(colour: vec3<f32>, v: vec3<f32>) -> mat3x3<f32> {
+    return mat3x3(colour * v.x, colour * v.y, colour * v.z);
+}

@@ -1,0 +1,205 @@
+//! The whole way against closed forms of the true surface.
+
+use std::path::Path;
+
+use fmmgi_gpu::progress::Silent;
+use fmmgi_gpu::scene::SceneOptions;
+use fmmgi_gpu::{Backend, Illumination, Method, Occlusion, Options, Scene, illuminate};
+use glam::{DVec2, DVec3, Vec3};
+
+fn scene(name: &str, points: usize) -> Scene {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenes/{name}.toml"));
+    let options = SceneOptions {
+        points: Some(points),
+        seed: 1,
+    };
+    Scene::load(&path, &options, &Silent).unwrap()
+}
+
+fn solve(scene: &Scene, method: Method, max_bounces: Option<u32>) -> Illumination {
+    let options = Options {
+        method,
+        occlusion: Occlusion::Surfels,
+        tolerance: None,
+        max_bounces,
+        seed: 1,
+    };
+    let result = illuminate(scene, &options, Backend::Cpu, &Silent).unwrap();
+    assert!(result.stats.converged);
+    result
+}
+
+/// The value below which a share of the sorted values lies.
+fn percentile(mut values: Vec<f64>, share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[((values.len() as f64 * share) as usize).min(values.len() - 1)]
+}
+
+fn relative_l2(pairs: &[(f64, f64)]) -> f64 {
+    let error: f64 = pairs.iter().map(|(a, b)| (a - b).powi(2)).sum();
+    let norm: f64 = pairs.iter().map(|(_, b)| b * b).sum();
+    (error / norm).sqrt()
+}
+
+/// In the sphere that emits 1 and reflects 1/2 everywhere the radiosity is 1 / (1 - 1/2) = 2.
+fn furnace_p95(points: usize, method: Method) -> f64 {
+    let scene = scene("furnace", points);
+    let map = solve(&scene, method, None).map;
+    let errors = map
+        .radiosity
+        .iter()
+        .map(|b| f64::from((*b / 2.0 - Vec3::ONE).abs().max_element()))
+        .collect();
+    let p95 = percentile(errors, 0.95);
+    println!("furnace, {points} points, {method:?}: radiosity p95 error {p95:.5}");
+    p95
+}
+
+#[test]
+fn furnace_by_exact_sums() {
+    assert!(furnace_p95(5000, Method::Direct) < 0.005);
+}
+
+#[test]
+fn furnace_by_links() {
+    assert!(furnace_p95(20_000, Method::Fmm) < 0.01);
+}
+
+/// Form factor from an element to a rectangle in a parallel plane at distance 1, one corner above
+/// the element and the opposite one at (x, y) from there (Howell, B-3).
+fn parallel_corner(x: f64, y: f64) -> f64 {
+    let (a, b) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
+    (x / a * (y / a).atan() + y / b * (x / b).atan()) / std::f64::consts::TAU
+}
+
+/// From a place in the unit square to the facing one at distance 1.
+fn parallel(p: DVec2) -> f64 {
+    [p.x, 1.0 - p.x]
+        .iter()
+        .flat_map(|&x| [p.y, 1.0 - p.y].map(|y| parallel_corner(x, y)))
+        .sum()
+}
+
+/// Form factor from an element at distance c from a perpendicular rectangle of depth 1, whose
+/// width runs from the element's foot to b (Howell, B-4).
+fn perpendicular_corner(c: f64, b: f64) -> f64 {
+    if b == 0.0 {
+        return 0.0;
+    }
+    let (x, y) = (1.0 / b, c / b);
+    let d = (x * x + y * y).sqrt();
+    ((1.0 / y).atan() - y / d * (1.0 / d).atan()) / std::f64::consts::TAU
+}
+
+/// From a place at height `p.y` of the unit wall, `p.x` along the edge, to the unit floor.
+fn perpendicular(p: DVec2) -> f64 {
+    perpendicular_corner(p.y, p.x) + perpendicular_corner(p.y, 1.0 - p.x)
+}
+
+/// Irradiance against the truth on the dark plate, whose points `place` finds.
+fn plates(
+    name: &str,
+    method: Method,
+    place: impl Fn(DVec3) -> Option<DVec2>,
+    truth: impl Fn(DVec2) -> f64,
+) -> Vec<(f64, f64)> {
+    let scene = scene(name, 5000);
+    let map = solve(&scene, method, None).map;
+    let positions = scene.cloud.positions.iter();
+    let normals = scene.cloud.normals.iter();
+    let pairs: Vec<(f64, f64)> = positions
+        .zip(normals)
+        .zip(&map.irradiance)
+        .filter(|((_, n), _)| n.y < 0.5)
+        .filter_map(|((p, _), h)| place(*p).map(|p| (f64::from(h.x), truth(p))))
+        .collect();
+    assert!(pairs.len() > 2000);
+    let errors = pairs.iter().map(|(a, b)| (a / b - 1.0).abs()).collect();
+    let p95 = percentile(errors, 0.95);
+    let l2 = relative_l2(&pairs);
+    println!("{name}, {method:?}: p95 {p95:.5}, relative L2 {l2:.5}");
+    pairs
+}
+
+fn relative_p95(pairs: &[(f64, f64)]) -> f64 {
+    percentile(
+        pairs.iter().map(|(a, b)| (a / b - 1.0).abs()).collect(),
+        0.95,
+    )
+}
+
+#[test]
+fn parallel_plates() {
+    let upper = |p: DVec3| Some(DVec2::new(p.x, p.z));
+    let exact = plates("plates_parallel", Method::Direct, upper, parallel);
+    assert!(relative_p95(&exact) < 0.002);
+    let links = plates("plates_parallel", Method::Fmm, upper, parallel);
+    assert!(relative_p95(&links) < 0.01);
+}
+
+#[test]
+fn perpendicular_plates() {
+    let wall = |p: DVec3| Some(DVec2::new(p.x, p.y));
+    let exact = plates("plates_perpendicular", Method::Direct, wall, perpendicular);
+    assert!(relative_l2(&exact) < 0.015);
+    let links = plates("plates_perpendicular", Method::Fmm, wall, perpendicular);
+    assert!(relative_l2(&links) < 0.03);
+}
+
+/// Can a place see any part of the lamp of `scenes/two_rooms.toml` through the door, widened by
+/// `margin` on all sides?
+fn sees_lamp(p: DVec3, margin: f64) -> bool {
+    const STEPS: usize = 40;
+    let along = |k: usize| k as f64 / STEPS as f64 * 0.8;
+    let passes = |lamp: DVec3| {
+        [4.0, 4.05].iter().all(|x| {
+            let t = (x - lamp.x) / (p.x - lamp.x);
+            let q = lamp + (p - lamp) * t;
+            q.y < 2.0 + margin && q.z > 0.9 - margin && q.z < 1.6 + margin
+        })
+    };
+    (0..=STEPS)
+        .any(|a| (0..=STEPS).any(|b| passes(DVec3::new(1.6 + along(a), 2.5, 1.1 + along(b)))))
+}
+
+fn two_rooms_dark(method: Method, points: usize) -> (f64, f64) {
+    let scene = scene("two_rooms", points);
+    let map = solve(&scene, method, Some(0)).map;
+    let light = |keep: &dyn Fn(DVec3) -> bool| -> Vec<f64> {
+        let positions = scene.cloud.positions.iter();
+        positions
+            .zip(&map.irradiance)
+            .filter(|(p, _)| keep(**p))
+            .map(|(_, h)| f64::from(h.x))
+            .collect()
+    };
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let lit = mean(&light(&|p| p.x < 4.0));
+    // One spacing of 5,000 points on 114 square metres is 0.15 m.
+    let spacing = (114.0 / points as f64).sqrt();
+    let strictly = light(&|p| p.x > 4.06 && !sees_lamp(p, 0.0));
+    let clearly = light(&|p| p.x > 4.06 && !sees_lamp(p, spacing));
+    let ratio = (mean(&strictly) / lit, mean(&clearly) / lit);
+    println!(
+        "two rooms, {points} points, {method:?}: direct light in the umbra {:.2e} of the lit room \
+         ({} points), beyond one spacing of its edge {:.2e} ({} points, worst {:.2e})",
+        ratio.0,
+        strictly.len(),
+        ratio.1,
+        clearly.len(),
+        clearly.iter().fold(0.0, |m: f64, &h| m.max(h)) / lit
+    );
+    ratio
+}
+
+#[test]
+fn a_wall_keeps_the_second_room_dark() {
+    for (method, points) in [
+        (Method::Direct, 5000),
+        (Method::Fmm, 5000),
+        (Method::Fmm, 40_000),
+    ] {
+        let (strictly, clearly) = two_rooms_dark(method, points);
+        assert!(strictly < 1e-3 && clearly < 1e-3);
+    }
+}
