@@ -181,6 +181,7 @@ fn gmres<O: TransportOperator>(
         rhs[k] *= c;
         remaining = rhs[k + 1].abs();
         progress.advance(1);
+        // The solution is in the space: what is left of a unit vector is rounding.
         if length <= BREAKDOWN {
             break;
         }
