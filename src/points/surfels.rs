@@ -117,7 +117,8 @@ impl Surfels {
                         progress.advance(4096);
                     }
                     neighbours(i, near);
-                    Cell::new(self.normals[i].as_dvec3(), near, rule.crease)
+                    let size = f64::from(self.areas[i]).max(0.0).sqrt();
+                    Cell::new(self.normals[i].as_dvec3(), near, rule.crease, size)
                 },
             )
             .collect();
