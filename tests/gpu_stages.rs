@@ -11,9 +11,10 @@ use fmmgi_gpu::operator::{Fields, Fmm, GpuFields, GpuFmm, HostFields, TransportO
 use fmmgi_gpu::passes::cpu;
 use fmmgi_gpu::passes::gpu::{Batch, Batches, Gpu, GpuFormFactors, Stages, adapter};
 use fmmgi_gpu::progress::Silent;
+use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::solve::{Stop, solve};
 use fmmgi_gpu::visibility::NothingInTheWay;
-use fmmgi_gpu::{Error, Result, Surfels};
+use fmmgi_gpu::{Backend, Error, Method, Occlusion, Options, Result, Scene, Surfels, illuminate};
 use glam::{DVec3, Vec3};
 use rand::RngExt;
 use wgpu::{Buffer, BufferUsages};
@@ -384,6 +385,38 @@ fn calculate<F: Fields>(
     // The operands of copies are as they were.
     let all = [&x, &y, &sum, &scaled, &product].map(|f| fields.download(f).unwrap());
     (all.to_vec(), dots)
+}
+
+/// From scene to map. Who sees whom is found on the device as well, where rounding may decide some
+/// segments otherwise.
+#[test]
+fn a_map_is_that_of_the_cpu() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell.toml");
+    let options = SceneOptions {
+        points: Some(3000),
+        seed: 1,
+    };
+    let scene = Scene::load(path.as_ref(), &options, &Silent).unwrap();
+    let options = Options {
+        method: Method::Fmm,
+        occlusion: Occlusion::Surfels,
+        tolerance: None,
+        max_bounces: None,
+        seed: 1,
+    };
+    let on_device = Backend::Gpu {
+        device: &gpu().device,
+        queue: &gpu().queue,
+        adapter: "test",
+    };
+    let [found, expected] = [on_device, Backend::Cpu].map(|backend| {
+        let result = illuminate(&scene, &options, backend, &Silent).unwrap();
+        let map = result.map.irradiance.iter();
+        map.map(|h| h.as_dvec3()).collect::<Vec<_>>()
+    });
+    let off = relative_l2(&found, &expected);
+    println!("map: {off:e}");
+    assert!(off < 1e-4, "{off}");
 }
 
 /// A renderer has a device of its own, radiosity in a buffer of its own (whatever the fourth word
