@@ -107,32 +107,9 @@ pub fn illuminate(
     };
     let octree_seconds = clock.lap();
 
-    let method = match (options.method, &backend) {
-        (Method::Direct, Backend::Gpu { .. }) => {
-            return Err(Error::Usage(
-                "the direct method is the reference in f64 and runs on the CPU only: use \
-                 --backend cpu, or --method fmm"
-                    .into(),
-            ));
-        }
-        (Method::Auto, Backend::Cpu) if surfels.len() <= DIRECT_UP_TO => Method::Direct,
-        (Method::Auto, _) => Method::Fmm,
-        (chosen, _) => chosen,
-    };
-    let on_cpu;
-    let on_gpu;
-    let tester: &dyn Visibility = match (&occluders, &backend) {
-        (None, _) => &NothingInTheWay,
-        (Some(occluders), Backend::Cpu) => {
-            on_cpu = CpuVisibility::<f32>::new(occluders);
-            &on_cpu
-        }
-        (Some(occluders), Backend::Gpu { device, queue, .. }) => {
-            on_gpu = GpuVisibility::new(&Gpu::new(device, queue), occluders)?;
-            &on_gpu
-        }
-    };
-    let visibility = Counted::new(tester);
+    let method = choose(options.method, &backend, surfels.len())?;
+    let tester = tester(occluders.as_ref(), method, &backend)?;
+    let visibility = Counted::new(tester.as_ref());
     let task = Task {
         scene,
         surfels: &surfels,
@@ -187,6 +164,36 @@ pub fn illuminate(
             repairs,
         },
         surfels,
+    })
+}
+
+/// The method to use, if the backend can.
+fn choose(method: Method, backend: &Backend, surfels: usize) -> Result<Method> {
+    match (method, backend) {
+        (Method::Direct, Backend::Gpu { .. }) => Err(Error::Usage(
+            "the direct method is the reference in f64 and runs on the CPU only: use --backend \
+             cpu, or --method fmm"
+                .into(),
+        )),
+        (Method::Auto, Backend::Cpu) if surfels <= DIRECT_UP_TO => Ok(Method::Direct),
+        (Method::Auto, _) => Ok(Method::Fmm),
+        (chosen, _) => Ok(chosen),
+    }
+}
+
+/// What tests segments: f64 for the reference, f32 or the device for the product.
+fn tester<'a>(
+    occluders: Option<&'a Occluders>,
+    method: Method,
+    backend: &Backend,
+) -> Result<Box<dyn Visibility + 'a>> {
+    Ok(match (occluders, method, backend) {
+        (None, ..) => Box::new(NothingInTheWay),
+        (Some(occluders), Method::Direct, _) => Box::new(CpuVisibility::<f64>::new(occluders)),
+        (Some(occluders), _, Backend::Cpu) => Box::new(CpuVisibility::<f32>::new(occluders)),
+        (Some(occluders), _, Backend::Gpu { device, queue, .. }) => {
+            Box::new(GpuVisibility::new(&Gpu::new(device, queue), occluders)?)
+        }
     })
 }
 
