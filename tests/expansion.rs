@@ -430,9 +430,13 @@ fn expansion_error(rng: &mut impl Rng, opening: f64) -> f64 {
         let radius = 0.5 * opening;
         let source = cluster(rng, DVec3::ZERO, u, radius, 40);
         let target = cluster(rng, u, -u, radius, 40);
-        let m = moments(&source, source.centre, radius);
+        // Off the middle, so that there is a dipole.
+        let about = source.centre + 0.5 * radius * direction(rng);
+        let m = moments(&source, about, radius);
+        let way = target.centre - about;
+        let d = way.length();
         let mut local = Local::default();
-        local.add_moments(&m, u, 1.0, radius, radius, 1.0);
+        local.add_moments(&m, way / d, d, radius / d, radius / d, 1.0);
         // By way of a child of the target.
         let child = target.centre + direction(rng) * (0.5 * radius);
         let below = local.at_child(0.5, (child - target.centre) / radius);
