@@ -23,7 +23,7 @@ pub struct Stop {
 pub struct Ended {
     /// Applications of the operator.
     pub iterations: u32,
-    /// |ρH₀ - (I - ρF) R| / |ρH₀|.
+    /// |ρH₀ - (I - ρF) R| / |ρH₀|; after a number of bounces the size of the last one instead.
     pub residual: f64,
     pub converged: bool,
 }

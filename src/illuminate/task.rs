@@ -29,6 +29,8 @@ const ROUGH_RESIDUAL: f64 = 0.03;
 /// Radiosity, in units of the mean irradiance, that every facet is taken to have at least: light
 /// that the rough solution has missed must find its way.
 const LEAST_RADIOSITY: f64 = 0.01;
+/// What f32 can reach.
+const LEAST_RESIDUAL: f64 = 1e-6;
 /// Bounds of the factor on a link's error from the light at its target.
 const LOCAL_TOLERANCE: [f64; 2] = [0.1, 3.0];
 
@@ -233,7 +235,7 @@ impl Task<'_> {
 
     fn stop(&self) -> Stop {
         Stop {
-            residual: (0.03 * self.tolerance).min(1e-3),
+            residual: (0.03 * self.tolerance).clamp(LEAST_RESIDUAL, 1e-3),
             bounces: self.max_bounces,
         }
     }

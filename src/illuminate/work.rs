@@ -68,22 +68,53 @@ impl Work<'_> {
                     .into(),
             ));
         }
+        let reflect = |irradiance: &[DVec3]| -> Vec<DVec3> {
+            irradiance
+                .iter()
+                .zip(&reflectance)
+                .map(|(h, r)| h * r)
+                .collect()
+        };
+        let change = distance(&reflect(&irradiance), &fields.download(&reflected)?);
+        let residual = if change > 0.0 {
+            change / length(&source)
+        } else {
+            0.0
+        };
         // Expansions may leave a little less than nothing.
         let irradiance: Vec<DVec3> = irradiance.iter().map(|h| h.max(DVec3::ZERO)).collect();
         let row_sums = fields
             .download(&operator.apply(&fields.upload(&vec![DVec3::ONE; self.surfels.len()])?)?)?;
         Ok(Bounced {
-            reflected: irradiance
-                .iter()
-                .zip(&reflectance)
-                .map(|(h, r)| h * r)
-                .collect(),
+            reflected: reflect(&irradiance),
             irradiance,
-            ended,
+            ended: Ended {
+                iterations: ended.iterations + 1,
+                residual,
+                // The solver's own residual may have drifted by rounding.
+                converged: ended.converged
+                    && (self.stop.bounces.is_some() || residual <= 2.0 * self.stop.residual),
+            },
             row_sum: RowSum {
                 max: row_sums.iter().fold(0.0, |m, r| m.max(r.x)),
                 mean: row_sums.iter().map(|r| r.x).sum::<f64>() / row_sums.len() as f64,
             },
         })
     }
+}
+
+fn length(values: &[DVec3]) -> f64 {
+    values
+        .iter()
+        .map(|v| v.length_squared())
+        .sum::<f64>()
+        .sqrt()
+}
+
+fn distance(a: &[DVec3], b: &[DVec3]) -> f64 {
+    let pairs = a.iter().zip(b);
+    pairs
+        .map(|(a, b)| a.distance_squared(*b))
+        .sum::<f64>()
+        .sqrt()
 }

@@ -84,7 +84,8 @@ pub fn build(
         }
         level = next;
     }
-    let entries = traversal.far.len().max(traversal.near.len());
+    let lists = [&traversal.far, &traversal.sampled, &traversal.near];
+    let entries = lists.iter().map(|l| l.len()).max().unwrap_or(0);
     if entries > u32::MAX as usize {
         return Err(Error::TooLarge(format!(
             "{entries} links are more than one operator can hold: ask for a larger tolerance"
@@ -400,7 +401,9 @@ impl Traversal<'_> {
         const GOLDEN: f32 = 0.618_034;
         let (a, b) = self.facets(pair);
         let key = u64::from(pair.target) << 32 | u64::from(pair.source);
-        let mut random = Pcg64Mcg::seed_from_u64(key ^ (self.accuracy.seed * 2 + round) << 17);
+        let seed = self.accuracy.seed.wrapping_mul(2).wrapping_add(round);
+        let stream = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15); // spreads small numbers over all bits
+        let mut random = Pcg64Mcg::seed_from_u64(key ^ stream);
         let shift: f32 = random.random();
         let at = |part: f32, facet: &Facet| {
             let n = facet.len();

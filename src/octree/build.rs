@@ -108,6 +108,9 @@ impl<'a> Builder<'a> {
                 members.par_sort_unstable_by_key(|&i| (self.codes[i as usize], i));
                 self.cut_by_place(members, 0)
             }
+            Split::Morton(MORTON_LEVELS) if members.len() > LEAF_SIZE => {
+                (self.cut_in_half(members), split)
+            }
             Split::Morton(level) if members.len() > LEAF_SIZE => self.cut_by_place(members, level),
             _ => (Vec::new(), split),
         };
@@ -147,8 +150,8 @@ impl<'a> Builder<'a> {
     }
 
     /// Where the octants of sorted surfels end that agree above `level`; single octants on the way
-    /// are skipped. No cut if all lie in one cell of the finest level.
-    fn cut_by_place(&self, members: &[u32], mut level: u32) -> (Vec<usize>, Split) {
+    /// are skipped.
+    fn cut_by_place(&self, members: &mut [u32], mut level: u32) -> (Vec<usize>, Split) {
         let octant =
             |i: u32, level: u32| (self.codes[i as usize] >> (3 * (MORTON_LEVELS - 1 - level))) & 7;
         let (first, last) = (members[0], members[members.len() - 1]);
@@ -156,13 +159,26 @@ impl<'a> Builder<'a> {
             level += 1;
         }
         if level == MORTON_LEVELS {
-            return (Vec::new(), Split::Morton(level));
+            return (self.cut_in_half(members), Split::Morton(level));
         }
         let cuts = (1..members.len())
             .filter(|&k| octant(members[k - 1], level) != octant(members[k], level))
             .chain([members.len()])
             .collect();
         (cuts, Split::Morton(level + 1))
+    }
+
+    /// Below the finest level of the Morton code (a cloud that is tiny against its strays) halves do.
+    fn cut_in_half(&self, members: &mut [u32]) -> Vec<usize> {
+        let place = |i: u32| self.surfels.positions[i as usize];
+        let (low, high) = members
+            .iter()
+            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), &i| {
+                (low.min(place(i)), high.max(place(i)))
+            });
+        let axis = (high - low).max_position();
+        members.sort_by(|&i, &j| place(i)[axis].total_cmp(&place(j)[axis]));
+        vec![members.len() / 2, members.len()]
     }
 }
 

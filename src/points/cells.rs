@@ -9,6 +9,8 @@ use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
+use super::rule::SurfaceRule;
+
 /// Largest number of edges of a cell, so that a GPU can hold it.
 pub const MAX_EDGES: usize = 8;
 
@@ -55,9 +57,11 @@ const SLIVER: f64 = 1e-4;
 
 impl Cell {
     /// The cell of a point with unit `normal` among its `neighbours` (nearest first); a neighbour
-    /// belongs to the same smooth surface if the cosine between the normals exceeds `crease`.
+    /// belongs to the same smooth surface if the cosine between the normals exceeds the rule's
+    /// `crease`.
     /// Without any neighbour the cell is of the order of `size`.
-    pub fn new(normal: DVec3, neighbours: &[Neighbour], crease: f64, size: f64) -> Cell {
+    pub fn new(normal: DVec3, neighbours: &[Neighbour], rule: &SurfaceRule, size: f64) -> Cell {
+        let crease = rule.crease;
         let similar = |n: &&Neighbour| n.normal.dot(normal) > crease;
         let nearest = neighbours.first().map_or(size, |n| n.offset.length());
         let (sum, count) = neighbours
@@ -71,6 +75,7 @@ impl Cell {
         } else {
             0.5 * nearest
         };
+        let spacing = spacing.min(rule.largest_spacing);
         let (tangent, bitangent) = tangent_frame(normal, neighbours);
         let flat = |v: DVec3| DVec2::new(v.dot(tangent), v.dot(bitangent));
 

@@ -2,6 +2,8 @@
 
 mod cells;
 mod cloud;
+mod rule;
+mod select;
 mod surfels;
 
 pub use cells::{Cells, MAX_EDGES};

@@ -1,0 +1,82 @@
+//! The one rule by which cells, occluders and segments follow the cloud's noise.
+
+use rayon::prelude::*;
+
+use super::Surfels;
+use super::cells::Neighbour;
+
+/// Surfels that the rule is measured on.
+const SAMPLE: usize = 20_000;
+/// Largest spacing of a cell, in medians of the spacing.
+const LARGEST_SPACING: f64 = 30.0;
+
+/// How far the surface can be trusted: the one rule by which cells, occluders and segments follow
+/// the cloud's noise.
+pub(super) struct SurfaceRule {
+    /// Height of a segment's ends above the surface, in spacings.
+    pub offset: f64,
+    /// Scale of a cell as an occluder.
+    pub scale: f64,
+    /// Cosine between normals below which two neighbours lie on two sides of a crease.
+    pub crease: f64,
+    /// Largest spacing that a cell is made for: a point farther from all others is a stray, not a
+    /// piece of wall as large as the gap around it.
+    pub largest_spacing: f64,
+}
+
+impl SurfaceRule {
+    /// Clean surfaces keep their corners sharp and their seams tight; noisy ones get room, so
+    /// that bumps of the noise cast no shadow.
+    pub fn measure(
+        surfels: &Surfels,
+        neighbours: impl Fn(usize, &mut Vec<Neighbour>) + Sync,
+    ) -> SurfaceRule {
+        let (noise, spacing) = noise_and_spacing(surfels, neighbours);
+        let offset = (4.0 * noise).clamp(0.02, 0.2);
+        SurfaceRule {
+            offset,
+            scale: 1.02 + 0.4 * (offset - 0.02),
+            crease: (0.75 - 5.0 * noise).clamp(0.5, 0.75),
+            largest_spacing: LARGEST_SPACING * spacing,
+        }
+    }
+}
+
+/// Roughness of the cloud, as a slope, and distance between neighbours: medians over a sample of the
+/// surfels, of means over the six nearest neighbours of similar normal.
+///
+/// For neighbours on a circular arc (n_i + n_j) · (x_j - x_i) = 0 whatever the curvature, so that
+/// the slope |(n_i + n_j) · d| / 2|d| measures noise of positions and normals alone.
+fn noise_and_spacing(
+    surfels: &Surfels,
+    neighbours: impl Fn(usize, &mut Vec<Neighbour>) + Sync,
+) -> (f64, f64) {
+    let step = surfels.len().div_ceil(SAMPLE);
+    let (slopes, spacings): (Vec<f64>, Vec<f64>) = (0..surfels.len())
+        .into_par_iter()
+        .step_by(step)
+        .filter_map(|i| {
+            let mut near = Vec::new();
+            neighbours(i, &mut near);
+            let normal = surfels.normals[i].as_dvec3();
+            let similar = near.iter().filter(|n| n.normal.dot(normal) > 0.7).take(6);
+            let (slopes, lengths, count) =
+                similar.fold((0.0, 0.0, 0.0), |(slopes, lengths, count), n| {
+                    let length = n.offset.length();
+                    let slope = 0.5 * (normal + n.normal).dot(n.offset).abs() / length;
+                    (slopes + slope, lengths + length, count + 1.0)
+                });
+            (count > 0.0).then(|| (slopes / count, lengths / count))
+        })
+        .unzip();
+    // Without a single pair of neighbours there is nothing to follow and nothing to bound.
+    (
+        median(slopes).unwrap_or(0.0),
+        median(spacings).unwrap_or(f64::INFINITY),
+    )
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
