@@ -111,6 +111,29 @@ fn links_change_within_the_tolerance() {
     }
 }
 
+/// A scan in map coordinates with one point at zero, as converters leave it.
+#[test]
+fn a_stray_far_away_changes_nothing() {
+    let clean = moved(
+        &scene(3000),
+        DMat3::IDENTITY,
+        1.0,
+        DVec3::new(244_398.8, 6_010_935.7, 18.1),
+    );
+    let mut stray = clean.clone();
+    stray.cloud.positions.push(DVec3::ZERO);
+    stray.cloud.normals.push(Vec3::Y);
+    stray.cloud.reflectance.push(Vec3::ONE);
+    stray.cloud.emission.push(Vec3::ZERO);
+    for (method, bound) in [(Method::Direct, 1e-5), (Method::Fmm, 0.03)] {
+        let without = irradiance(&clean, method);
+        let with = irradiance(&stray, method);
+        let difference = compare(&with[..without.len()], &without).unwrap().rel_l2;
+        println!("{method:?}: stray: {difference:.1e}");
+        assert!(difference < bound);
+    }
+}
+
 #[test]
 fn same_input_same_bits() {
     let scene = scene(4000);

@@ -14,9 +14,11 @@ const BINS: usize = 16;
 const SAH_DEPTH: u32 = 64;
 /// Subtrees with fewer cells are built by one thread.
 const PARALLEL: usize = 4096;
-/// Boxes grow by this part of the largest coordinate (8 roundings of it), so that none shuts out
-/// a meeting point that was rounded out of it.
+/// Boxes grow by this part of the cloud's extent (8 roundings of it), so that none shuts out a
+/// meeting point that was rounded out of it.
 const PADDING: f32 = 8.0 * f32::EPSILON;
+/// The extent, in medians of the cells' largest coordinates: strays far away do not count.
+const USUAL: f32 = 4.0;
 
 /// A box of the hierarchy; two texels.
 ///
@@ -78,12 +80,14 @@ impl Occluders {
             .into_par_iter()
             .filter_map(|i| Item::new(surfels, i))
             .collect();
-        let extent = items
-            .par_iter()
-            .map(|item| item.min.abs().max(item.max.abs()).max_element())
-            .reduce(|| 0.0, f32::max);
-        let padding = Vec3A::splat(PADDING * extent);
+        let mut reaches: Vec<f32> = items.par_iter().map(Item::reach).collect();
+        let middle = reaches.len() / 2;
+        let extent = match reaches.is_empty() {
+            true => 0.0,
+            false => USUAL * *reaches.select_nth_unstable_by(middle, f32::total_cmp).1,
+        };
         items.par_iter_mut().for_each(|item| {
+            let padding = Vec3A::splat(PADDING * item.reach().max(extent));
             item.min -= padding;
             item.max += padding;
         });
@@ -157,6 +161,11 @@ impl Item {
             max: max.into(),
             surfel: i as u32,
         })
+    }
+
+    /// Largest coordinate.
+    fn reach(&self) -> f32 {
+        self.min.abs().max(self.max.abs()).max_element()
     }
 
     /// Twice the centre of the box.
