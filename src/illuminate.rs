@@ -45,7 +45,7 @@ pub enum Occlusion {
 }
 
 /// What is asked for.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Options {
     pub method: Method,
     pub occlusion: Occlusion,
