@@ -20,11 +20,13 @@ pub mod render;
 pub mod scan;
 pub mod scene;
 pub mod solve;
+pub mod stats;
 pub mod visibility;
 
 pub use error::{Error, Result};
-pub use illuminate::{Backend, Illumination, Method, Occlusion, Options, Stats, illuminate};
+pub use illuminate::{Backend, Illumination, Method, Occlusion, Options, illuminate};
 pub use map::IlluminationMap;
 pub use points::{PointCloud, Surfels};
 pub use progress::Progress;
 pub use scene::Scene;
+pub use stats::Stats;

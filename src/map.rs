@@ -1,6 +1,8 @@
 //! The result: light at every point.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
+
+use crate::points::{PointCloud, Prepared, Surfels};
 
 /// The illumination map: one entry a point of the cloud, in its order.
 #[derive(Clone, Debug, Default)]
@@ -14,4 +16,34 @@ pub struct IlluminationMap {
     /// False for points that were left out of the transport (no usable position or normal, or a
     /// duplicate of another point): they send no light.
     pub in_transport: Vec<bool>,
+}
+
+impl IlluminationMap {
+    /// Hands the irradiance of the surfels to the points of the cloud that they stand for.
+    /// `surfels` are the prepared ones in any order, with one entry of `irradiance` each.
+    pub fn new(
+        cloud: &PointCloud,
+        prepared: &Prepared,
+        surfels: &Surfels,
+        irradiance: &[DVec3],
+    ) -> IlluminationMap {
+        let mut index_of_point = vec![0_u32; cloud.len()];
+        for (k, &p) in surfels.points.iter().enumerate() {
+            index_of_point[p as usize] = k as u32;
+        }
+        let mut map = IlluminationMap::default();
+        for (i, surfel) in prepared.surfel_of_point.iter().enumerate() {
+            let own = surfel.map(|s| prepared.surfels.points[s as usize] as usize);
+            let (light, area) = own.map_or((Vec3::ZERO, 0.0), |p| {
+                let k = index_of_point[p] as usize;
+                (irradiance[k].as_vec3(), surfels.areas[k])
+            });
+            map.irradiance.push(light);
+            map.radiosity
+                .push(cloud.emission[i] + cloud.reflectance[i] * light);
+            map.radius.push((area / std::f32::consts::PI).sqrt());
+            map.in_transport.push(own == Some(i));
+        }
+        map
+    }
 }

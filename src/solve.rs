@@ -175,7 +175,8 @@ fn gmres<O: TransportOperator>(
         rhs[k] *= c;
         remaining = rhs[k + 1].abs();
         progress.advance(1);
-        if length <= 1e-14 * norm {
+        // The solution is in the space: what is left of a unit vector is rounding.
+        if length <= 1e-14 {
             break;
         }
         fields.scale(1.0 / length, &mut w)?;

@@ -21,13 +21,28 @@ fn folder() -> TempDir {
     folder
 }
 
-/// Runs the program in a folder, with arguments that are parted by spaces.
+/// Writes a scan with lines `x y z nx ny nz`.
+fn write_scan(folder: &TempDir, name: &str, points: &[&str]) {
+    let header: String = ["x", "y", "z", "nx", "ny", "nz"]
+        .map(|name| format!("property float {name}\n"))
+        .concat();
+    let scan = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\n{header}end_header\n{}\n",
+        points.len(),
+        points.join("\n")
+    );
+    fs::write(folder.path().join(name), scan).unwrap();
+}
+
+/// The program in a folder, with arguments that are parted by spaces.
+fn command(folder: &Path, args: &str) -> Command {
+    let mut command = Command::cargo_bin("fmmgi-gpu").unwrap();
+    command.current_dir(folder).args(args.split_whitespace());
+    command
+}
+
 fn run(folder: &Path, args: &str) -> Assert {
-    Command::cargo_bin("fmmgi-gpu")
-        .unwrap()
-        .current_dir(folder)
-        .args(args.split_whitespace())
-        .assert()
+    command(folder, args).assert()
 }
 
 /// Runs the program, which must fail with this code and these words and write nothing.
@@ -213,9 +228,206 @@ fn bad_inputs_are_told() {
 }
 
 #[test]
-#[ignore = "needs scene files"]
 fn bad_scene_files_are_told() {
-    fails(&folder(), "solve gone.toml --quiet", 1, "gone.toml: ");
+    let folder = folder();
+    fails(&folder, "solve gone.toml --quiet", 1, "gone.toml: ");
+    let scene = |top: &str| {
+        format!("{top}\n[[shape]]\nquad = {{ corner = [0, 0, 0], u = [1, 0, 0], v = [0, 1, 0] }}\n")
+    };
+    for (top, words) in [
+        (
+            "[camera]\nposition = [0, 0, 0]\nlook_at = [0, 0, 0]",
+            "are the same place",
+        ),
+        (
+            "[camera]\nposition = [0, 0, 0]\nlook_at = [0, 1, 0]",
+            "up must not point along the view",
+        ),
+        ("[[light]]\nposition = [nan, 0, 0]\nintensity = 1", "line 2"),
+        ("[[light]]\nposition = [0, 0, 1]\nintensity = -1", "line 3"),
+        ("colour = 1", "unknown key `colour`"),
+    ] {
+        fs::write(folder.path().join("scene.toml"), scene(top)).unwrap();
+        fails(&folder, "solve scene.toml --quiet -o out.ply", 1, words);
+    }
+    fs::write(folder.path().join("scene.toml"), scene("")).unwrap();
+    fails(
+        &folder,
+        "solve scene.toml --points 1000000000000 --quiet",
+        1,
+        "1000000000000 points",
+    );
+    fails(
+        &folder,
+        "solve scene.toml --points 4000000000 --quiet",
+        1,
+        "only",
+    );
+}
+
+#[test]
+fn a_scan_in_a_scene_is_not_overwritten() {
+    let folder = folder();
+    fs::write(
+        folder.path().join("scene.toml"),
+        "[[cloud]]\nfile = 'scan.ply'\n",
+    )
+    .unwrap();
+    fails(
+        &folder,
+        "solve scene.toml --quiet -o scan.ply",
+        2,
+        "scan.ply is the input",
+    );
+    fails(
+        &folder,
+        "solve scene.toml --quiet --stats scene.toml",
+        2,
+        "scene.toml is the input",
+    );
+}
+
+#[test]
+fn clouds_without_surface_are_told() {
+    let folder = folder();
+    for (points, words) in [
+        (&["0 0 0 0 0 1"][..], "lie at one place"),
+        (&["1 1 1 0 0 1"; 4], "lie at one place"),
+        (
+            &["nan 0 0 0 0 1", "0 inf 0 0 0 1"],
+            "none of the 2 points has finite coordinates",
+        ),
+        (
+            &["0 0 0 0 0 0", "1 0 0 nan 0 1"],
+            "none of the 2 points has finite coordinates and a normal",
+        ),
+    ] {
+        write_scan(&folder, "bad.ply", points);
+        for method in ["direct", "fmm"] {
+            let args = format!(
+                "solve bad.ply --quiet --backend cpu --sky 1,1,1 -o out.ply --method {method}"
+            );
+            fails(&folder, &args, 1, words);
+        }
+    }
+}
+
+#[test]
+fn points_that_cannot_take_part_are_counted() {
+    let folder = folder();
+    write_scan(
+        &folder,
+        "some.ply",
+        &[
+            "nan 0 0 0 0 1",
+            "0 0 0 0 0 0",
+            "0 0 0 0 0 1",
+            "1 0 0 0 0 1",
+            "0 1 0 0 0 1",
+            "0 1 0 0 0 1",
+        ],
+    );
+    for method in ["direct", "fmm"] {
+        let args = format!(
+            "solve some.ply --backend cpu --sky 1,1,1 --light point:0,0,1e-9 --method {method}"
+        );
+        let assert = run(folder.path(), &args).success();
+        let summary = String::from_utf8_lossy(&assert.get_output().stdout);
+        for words in [
+            "6, of which 3 take part",
+            "repaired    1 points with coordinates that are not finite",
+            "repaired    1 points whose normal is zero or not finite",
+            "repaired    1 points at the place of another one",
+            "repaired    1 lights lie on a surface",
+            "repaired    1 surfels lie closer to a light than their own radius",
+        ] {
+            assert!(summary.contains(words), "{summary:?} lacks {words:?}");
+        }
+    }
+}
+
+#[test]
+fn bright_light_changes_nothing_but_the_brightness() {
+    let folder = folder();
+    let solve = |light: &str| {
+        let args = format!(
+            "solve scan.ply --backend cpu --light point:0.1,0.3,0.4:{light} --tolerance 1e-5 \
+             --stats stats.json"
+        );
+        run(folder.path(), &args).success();
+        let stats = fs::read(folder.path().join("stats.json")).unwrap();
+        let stats: serde_json::Value = serde_json::from_slice(&stats).unwrap();
+        stats["iterations"].clone()
+    };
+    assert_eq!(solve("1,1,1"), solve("1e15,1e15,1e15"));
+}
+
+#[cfg(unix)]
+#[test]
+fn full_disks_are_told() {
+    let folder = folder();
+    if !Path::new("/dev/full").exists() {
+        eprintln!("NOT RUN: there is no /dev/full");
+        return;
+    }
+    for output in ["-o", "--image", "--stats"] {
+        let args = format!(
+            "solve scan.ply --quiet --sky 1,1,1 --backend cpu --size 8x8 {output} /dev/full"
+        );
+        fails(
+            &folder,
+            &args,
+            1,
+            "/dev/full: cannot be written: No space left",
+        );
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_cleanly() {
+    use std::io::{BufRead, BufReader, Read};
+    use std::process::Stdio;
+
+    let folder = folder();
+    // Seconds of work, of which the test waits for the first moments.
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cave.toml");
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_fmmgi-gpu"))
+        .args(["solve", scene, "--points", "100000", "--tolerance", "0.001"])
+        .args([
+            "--backend",
+            "cpu",
+            "--sky",
+            "1,1,1",
+            "-o",
+            "out.ply",
+            "--stats",
+            "out.json",
+        ])
+        .current_dir(&folder)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stderr = BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    while !line.starts_with("backend: ") {
+        line.clear();
+        assert!(
+            stderr.read_line(&mut line).unwrap() > 0,
+            "it ended before the work"
+        );
+    }
+    // SAFETY: a signal to a child that has not been waited for.
+    assert_eq!(unsafe { libc::kill(child.id() as i32, libc::SIGINT) }, 0);
+    let mut message = String::new();
+    stderr.read_to_string(&mut message).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert!(
+        message.contains("error: interrupted; nothing was written"),
+        "{message}"
+    );
+    let files = fs::read_dir(&folder).unwrap().count();
+    assert_eq!(files, 1, "only the scan is there");
 }
 
 #[test]
@@ -231,11 +443,24 @@ fn missing_backends_have_their_own_exit_code() {
 
 #[test]
 fn adapters_are_listed() {
-    run(folder().path(), "adapters").success();
+    let folder = folder();
+    let mut command = command(folder.path(), "adapters");
+    // Without a display.
+    for name in [
+        "XDG_RUNTIME_DIR",
+        "NODEVICE_SELECT",
+        "MESA_VK_DEVICE_SELECT",
+    ] {
+        command.env_remove(name);
+    }
+    let assert = command.assert().success();
+    let output = assert.get_output();
+    assert!(!output.stdout.is_empty());
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(!message.contains("XDG_RUNTIME_DIR"), "{message}");
 }
 
 #[test]
-#[ignore = "needs illuminate and pictures"]
 fn a_scan_is_solved() {
     let folder = folder();
     let path = |name: &str| folder.path().join(name);
@@ -282,12 +507,34 @@ fn a_scan_is_solved() {
     assert!(String::from_utf8_lossy(&assert.get_output().stderr).contains("nothing gives light"));
 }
 
+/// A tunnel of white walls, a hundred times as long as wide, with light at its open end. No wall
+/// keeps light: it goes on from width to width, and a Krylov space of a few dozen steps does not
+/// hold the way there and back.
+const TUNNEL: &str = "points = 800\n\
+    [[shape]]\n\
+    box = { centre = [0, 0, 50], size = [1, 1, 100], inward = true, open = ['front'] }\n\
+    reflectance = 1\n\
+    [[light]]\nposition = [0, 0, 1]\nintensity = 1\n";
+
 #[test]
-#[ignore = "needs illuminate"]
 fn a_solve_that_does_not_converge_is_written_with_code_4() {
     let folder = folder();
-    let args = "solve scan.ply --backend cpu --light point:0.5,0.5,0.5 --tolerance 1e-6 \
-        --max-bounces 1 -o a.ply";
-    run(folder.path(), args).code(4);
-    assert!(folder.path().join("a.ply").exists());
+    fs::write(folder.path().join("tunnel.toml"), TUNNEL).unwrap();
+    let solve = |args: &str| {
+        let args = format!("solve tunnel.toml --backend cpu -o a.ply --stats a.json {args}");
+        let output = run(folder.path(), &args).get_output().clone();
+        assert!(folder.path().join("a.ply").exists());
+        fs::remove_file(folder.path().join("a.ply")).unwrap();
+        let stats = fs::read(folder.path().join("a.json")).unwrap();
+        let stats: serde_json::Value = serde_json::from_slice(&stats).unwrap();
+        let summary = String::from_utf8_lossy(&output.stdout).into_owned();
+        (
+            output.status.code(),
+            stats["converged"].clone(),
+            summary.contains("NOT CONVERGED"),
+        )
+    };
+    assert_eq!(solve(""), (Some(4), false.into(), true));
+    // Bounces that are asked for are all that is asked for.
+    assert_eq!(solve("--max-bounces 2"), (Some(0), true.into(), false));
 }

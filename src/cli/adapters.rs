@@ -15,10 +15,10 @@ pub fn run() -> Result<Done> {
         super::print(
             "no adapter: install the driver of your GPU, or software Vulkan \
              (Debian and Ubuntu: apt install mesa-vulkan-drivers)",
-        );
+        )?;
     }
     for info in all {
-        super::print(&info.to_string());
+        super::print(&info.to_string())?;
     }
     Ok(Done::Well)
 }

@@ -31,6 +31,6 @@ pub fn run(args: &Args) -> Result<Done> {
     } else {
         comparison.to_string()
     };
-    super::print(&text);
+    super::print(&text)?;
     Ok(Done::Well)
 }

@@ -8,10 +8,11 @@ mod solve;
 mod terminal;
 mod values;
 
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use fmmgi_gpu::Result;
+use fmmgi_gpu::{Error, Result};
 
 /// Illumination maps of point clouds: diffuse light after all bounces, with occlusion.
 #[derive(Parser)]
@@ -56,7 +57,11 @@ pub fn run() -> ExitCode {
 }
 
 /// Prints to standard output; a reader that has gone away is no error.
-fn print(text: &str) {
-    use std::io::Write;
-    let _ = writeln!(std::io::stdout(), "{text}");
+fn print(text: &str) -> Result<()> {
+    match writeln!(io::stdout(), "{text}") {
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
+            Err(Error::io("standard output", "cannot be written", e))
+        }
+        _ => Ok(()),
+    }
 }

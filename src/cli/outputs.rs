@@ -8,13 +8,8 @@ use fmmgi_gpu::{Error, Result};
 
 /// Fails if an output is the input, two outputs are the same file, or one cannot be written.
 pub fn check(input: &Path, outputs: &[&Path]) -> Result<()> {
+    spare(input, outputs)?;
     for (i, output) in outputs.iter().enumerate() {
-        if same_file(output, input) {
-            return Err(Error::Usage(format!(
-                "{} is the input, which would be overwritten: give the output another name",
-                output.display()
-            )));
-        }
         if let Some(other) = outputs[..i].iter().find(|other| same_file(output, other)) {
             return Err(Error::Usage(format!(
                 "{} and {} are the same file: give each output its own name",
@@ -25,6 +20,17 @@ pub fn check(input: &Path, outputs: &[&Path]) -> Result<()> {
         check_writable(output)?;
     }
     Ok(())
+}
+
+/// Fails if an output is a file that is read.
+pub fn spare(input: &Path, outputs: &[&Path]) -> Result<()> {
+    match outputs.iter().find(|output| same_file(output, input)) {
+        None => Ok(()),
+        Some(output) => Err(Error::Usage(format!(
+            "{} is the input, which would be overwritten: give the output another name",
+            output.display()
+        ))),
+    }
 }
 
 /// Whether two paths lead to one file. Devices can take several outputs.

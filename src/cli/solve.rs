@@ -120,6 +120,9 @@ pub fn run(args: &Args) -> Result<Done> {
         seed: args.seed,
     };
     let mut scene = Scene::load(&args.input, &options_of_scene, &progress)?;
+    for source in &scene.sources {
+        outputs::spare(source, &files)?;
+    }
     scene.lights.extend(&args.light);
     scene.sky = args.sky.unwrap_or(scene.sky);
     let load = began.elapsed().as_secs_f64();
@@ -153,7 +156,7 @@ pub fn run(args: &Args) -> Result<Done> {
         write_stats(path, stats)?;
     }
     if !args.quiet {
-        super::print(&summary(stats, &chosen.describe(), &files));
+        super::print(&summary(stats, &chosen.describe(), &files))?;
     }
     Ok(if stats.converged {
         Done::Well

@@ -1,6 +1,6 @@
 //! Values on the command line: parsed and checked.
 
-use fmmgi_gpu::scene::PointLight;
+use fmmgi_gpu::scene::{BRIGHTEST, LARGEST, PointLight, TOLERANCES};
 use glam::{DVec3, Vec3};
 
 /// Largest side of a picture in pixels.
@@ -32,21 +32,21 @@ pub fn size(text: &str) -> Result<Size, String> {
 
 pub fn tolerance(text: &str) -> Result<f64, String> {
     match text.parse() {
-        Ok(tolerance) if (1e-6..=0.5).contains(&tolerance) => Ok(tolerance),
+        Ok(tolerance) if TOLERANCES.contains(&tolerance) => Ok(tolerance),
         _ => Err("must be a number from 1e-6 to 0.5, for instance 0.03".to_owned()),
     }
 }
 
-/// Linear RGB of a light: finite and not negative.
+/// Linear RGB of a light.
 pub fn rgb(text: &str) -> Result<Vec3, String> {
     let rgb = three(text)
         .ok_or("must be three numbers R,G,B, for instance 1,0.9,0.8")?
         .as_vec3();
-    if !rgb.is_finite() {
-        return Err("must be finite numbers".to_owned());
-    }
     if rgb.min_element() < 0.0 {
         return Err("must not be negative: there is no dark light".to_owned());
+    }
+    if !rgb.cmple(Vec3::splat(BRIGHTEST)).all() {
+        return Err(format!("must be finite, at most {BRIGHTEST:e}"));
     }
     Ok(rgb)
 }
@@ -64,11 +64,13 @@ pub fn light(text: &str) -> Result<PointLight, String> {
         _ => return Err(SYNTAX.to_owned()),
     };
     match three(place) {
-        Some(position) if position.is_finite() => Ok(PointLight {
+        Some(position) if position.abs().cmple(DVec3::splat(LARGEST)).all() => Ok(PointLight {
             position,
             intensity,
         }),
-        _ => Err(format!("its place must be three finite numbers; {SYNTAX}")),
+        _ => Err(format!(
+            "its place must be three finite numbers, at most {LARGEST:e}; {SYNTAX}"
+        )),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Point lights.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::BATCH;
@@ -16,10 +16,13 @@ pub struct Illuminated {
     pub irradiance: Vec<DVec3>,
     /// Surfels that lie closer to a light than their own radius.
     pub too_close: usize,
+    /// Lights that lay on a surfel.
+    pub on_surface: usize,
 }
 
 /// Irradiance I cos θ / r² from every light that a surfel sees. Inside a surfel's own disc
 /// (π r² < area) the distance is taken as the disc's radius: a light on a surface stays finite.
+/// It is lifted off the surface, as the surfels' own ends of segments are.
 pub fn point_lights(
     surfels: &Surfels,
     lights: &[PointLight],
@@ -27,10 +30,14 @@ pub fn point_lights(
     progress: &dyn Progress,
 ) -> Result<Illuminated> {
     let mut irradiance = vec![DVec3::ZERO; surfels.len()];
-    let mut too_close = 0;
+    let (mut too_close, mut on_surface) = (0, 0);
     for light in lights {
         progress.stage("point lights", surfels.len() as u64);
-        let place = (light.position - surfels.origin).as_vec3();
+        let mut place = (light.position - surfels.origin).as_vec3();
+        if let Some(lifted) = lifted(surfels, place) {
+            place = lifted;
+            on_surface += 1;
+        }
         for (k, batch) in irradiance.chunks_mut(BATCH).enumerate() {
             progress.check()?;
             let first = k * BATCH;
@@ -67,5 +74,21 @@ pub fn point_lights(
     Ok(Illuminated {
         irradiance,
         too_close,
+        on_surface,
     })
+}
+
+/// Where a light that lies on a surfel shines from: there, rounding would decide what it sees.
+fn lifted(surfels: &Surfels, place: Vec3) -> Option<Vec3> {
+    let on = (0..surfels.len()).into_par_iter().filter_map(|i| {
+        let way = place - surfels.positions[i];
+        let height = surfels.normals[i].dot(way);
+        let aside2 = way.length_squared() - height * height;
+        // Corners of a cell reach further than the disc of its area.
+        let reach2 = 4.0 * surfels.areas[i] / std::f32::consts::PI;
+        let lift = surfels.offsets[i] - height;
+        (height.abs() < surfels.offsets[i] && aside2 < reach2).then_some((aside2, i, lift))
+    });
+    on.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)))
+        .map(|(_, i, lift)| place + surfels.normals[i] * lift)
 }

@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 
@@ -45,6 +45,7 @@ impl Scene {
             no_points_wanted(path, options)?;
             Ok(Scene {
                 cloud: scan::read(path, progress)?,
+                sources: vec![path.to_owned()],
                 ..Scene::default()
             })
         }
@@ -92,8 +93,11 @@ fn load_scene_file(path: &Path, options: &SceneOptions, progress: &dyn Progress)
         check_size(path, count)?;
         cloud = sample_model(path, &model, count, options.seed, progress)?;
     }
+    let mut sources = vec![path.to_owned()];
     for table in &file.cloud {
-        append(&mut cloud, load_cloud(path, table, progress)?);
+        let scan = scan_path(path, table)?;
+        append(&mut cloud, place(scan::read(&scan, progress)?, table));
+        sources.push(scan);
     }
     Ok(Scene {
         cloud,
@@ -101,6 +105,7 @@ fn load_scene_file(path: &Path, options: &SceneOptions, progress: &dyn Progress)
         sky: file.sky.0,
         camera: file.camera.map(|c| c.0),
         tolerance: file.tolerance.map(|t| t.0),
+        sources,
     })
 }
 
@@ -162,11 +167,8 @@ fn check_size(path: &Path, count: usize) -> Result<()> {
     }
 }
 
-fn load_cloud(
-    scene_file: &Path,
-    table: &CloudTable,
-    progress: &dyn Progress,
-) -> Result<PointCloud> {
+/// Where the scan of a table is.
+fn scan_path(scene_file: &Path, table: &CloudTable) -> Result<PathBuf> {
     if is_scene_file(&table.file) {
         return Err(Error::input(
             scene_file,
@@ -177,13 +179,11 @@ fn load_cloud(
         ));
     }
     let folder = scene_file.parent().unwrap_or(Path::new("."));
-    let mut cloud = scan::read(&folder.join(&table.file), progress)?;
-    place(&mut cloud, table);
-    Ok(cloud)
+    Ok(folder.join(&table.file))
 }
 
 /// Scales, turns and moves a cloud, and gives it its material.
-fn place(cloud: &mut PointCloud, table: &CloudTable) {
+fn place(mut cloud: PointCloud, table: &CloudTable) -> PointCloud {
     let scale = table.scale.map_or(1.0, |s| s.0);
     let turn = table.rotate.0;
     for p in &mut cloud.positions {
@@ -199,6 +199,7 @@ fn place(cloud: &mut PointCloud, table: &CloudTable) {
     if let Some(emission) = table.emission {
         cloud.emission = vec![emission.0; cloud.len()];
     }
+    cloud
 }
 
 /// Puts the points of `more` behind those of `cloud`.
@@ -262,8 +263,7 @@ mod tests {
             "file = 'a.ply'\nscale = 2\nrotate = [90, 0, 90]\ntranslate = [10, 0, 0]\nemission = 3",
         )
         .unwrap();
-        let mut cloud = one_point();
-        place(&mut cloud, &table);
+        let cloud = place(one_point(), &table);
         // (2, 4, 6) about x: (2, -6, 4); about z: (6, 2, 4).
         assert!((cloud.positions[0] - dvec3(16.0, 2.0, 4.0)).length() < 1e-12);
         assert!((cloud.normals[0] - Vec3::X).length() < 1e-6);

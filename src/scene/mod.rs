@@ -8,7 +8,11 @@ mod shapes;
 mod surface;
 mod values;
 
+use std::path::PathBuf;
+
 use glam::{DVec3, Vec3};
+
+pub use values::{BRIGHTEST, LARGEST, TOLERANCES};
 
 use crate::points::PointCloud;
 
@@ -42,6 +46,8 @@ pub struct Scene {
     pub camera: Option<Camera>,
     /// Tolerance of the scene file.
     pub tolerance: Option<f64>,
+    /// The files it was read from.
+    pub sources: Vec<PathBuf>,
 }
 
 /// What the caller of [`Scene::load`] can set.

@@ -2,13 +2,18 @@
 //! its line.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 
 use glam::{DQuat, DVec3, EulerRot, Vec3};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, SeqAccess, Visitor};
 
 /// Largest coordinate or length, so that areas and volumes stay finite.
-const LARGEST: f64 = 1e12;
+pub const LARGEST: f64 = 1e12;
+/// Most light, which leaves its sums and squares room in an f32.
+pub const BRIGHTEST: f32 = 1e15;
+/// Relative errors that can be asked for.
+pub const TOLERANCES: RangeInclusive<f64> = 1e-6..=0.5;
 /// Smallest length.
 pub(super) const SMALLEST: f64 = 1e-12;
 
@@ -28,7 +33,7 @@ impl TryFrom<Vec<f64>> for Vector {
             Ok(Self(DVec3::new(x, y, z)))
         } else {
             Err(format!(
-                "[{x}, {y}, {z}]: each must be a number between -{LARGEST:e} and {LARGEST:e}"
+                "{v:?}: each must be a number between -{LARGEST:e} and {LARGEST:e}"
             ))
         }
     }
@@ -127,10 +132,11 @@ impl TryFrom<f64> for Tolerance {
     type Error = String;
 
     fn try_from(x: f64) -> Result<Self, String> {
-        if x > 0.0 && x < 1.0 {
+        if TOLERANCES.contains(&x) {
             Ok(Self(x))
         } else {
-            Err(format!("{x}: must be between 0 and 1"))
+            let (least, most) = (TOLERANCES.start(), TOLERANCES.end());
+            Err(format!("{x:?}: must be between {least:?} and {most}"))
         }
     }
 }
@@ -161,12 +167,11 @@ impl TryFrom<Rgb> for Light {
     type Error = String;
 
     fn try_from(Rgb(c): Rgb) -> Result<Self, String> {
-        // The upper bound leaves sums and squares of light room in an f32.
-        if c.iter().all(|x| (0.0..=1e15).contains(x)) {
+        if c.iter().all(|x| (0.0..=f64::from(BRIGHTEST)).contains(x)) {
             Ok(Self(Vec3::from_array(c.map(|x| x as f32))))
         } else {
             Err(format!(
-                "{c:?}: light is a number from 0 on (and below 1e15)"
+                "{c:?}: light is a number from 0 on (and at most {BRIGHTEST:e})"
             ))
         }
     }

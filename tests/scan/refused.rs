@@ -29,11 +29,11 @@ fn bad_input_is_told_in_words() {
             b"LASF\0\0\0",
             "not a scan in a format that is understood: PLY",
         ),
-        (b"ply x\n", "not a PLY file"),
+        (b"ply x\n", "begins with a line \"ply\""),
         (b"ply\n", "ends inside the header"),
         (b"ply\nformat ascii 1.0", "ends inside the header"),
         (&long_header, "no end_header within 1048576 bytes"),
-        (b"ply\nend_header\n", "no format line"),
+        (b"ply\nend_header\n", "No format line"),
         (
             b"ply\nformat ascii 2.0\n",
             "header line 2 (\"format ascii 2.0\"): only version 1.0",
@@ -41,7 +41,7 @@ fn bad_input_is_told_in_words() {
         (b"ply\nformat ebcdic 1.0\n", "must be ascii"),
         (
             &header("format binary_big_endian 1.0"),
-            "a second, different format",
+            "header line 3 (\"format binary_big_endian 1.0\"): a second format",
         ),
         (
             &header("property float x"),
@@ -49,7 +49,7 @@ fn bad_input_is_told_in_words() {
         ),
         (
             &header("element a 1\nproperty flaot x"),
-            "unknown type \"flaot\"",
+            "must be \"property TYPE NAME\"",
         ),
         (
             &header("element a 1\nproperty list float int x"),
@@ -59,9 +59,19 @@ fn bad_input_is_told_in_words() {
             &header("element a 1\nproperty list int x"),
             "must be \"property TYPE NAME\"",
         ),
+        (&header("element vertex 1"), "this name came before"),
         (
-            &header("element vertex 1"),
-            "an element of this name came before",
+            &header("element a 1\nproperty int x\nproperty float x"),
+            "header line 5 (\"property float x\"): this name came before",
+        ),
+        (&header("ply"), "header line 3 (\"ply\"): not understood"),
+        (
+            b"ply\nformat ascii 99999999999999999999999.0\n",
+            "only version 1.0",
+        ),
+        (
+            &header("element a 99999999999999999999999 b"),
+            "not understood",
         ),
         (
             &header("elephant"),

@@ -113,11 +113,11 @@ fn repairs_are_made_and_counted() {
     let cloud = read(&two_points(
         &properties,
         "nan 2 -1 -3 nan 1 -2",
-        "0 0 0 inf 0 0 nan",
+        "0 0 0 inf 0 1e16 nan",
     ))
     .unwrap();
     assert_eq!(cloud.reflectance[0], Vec3::new(0.5, 1.0, 0.0));
-    assert_eq!(cloud.emission, [Vec3::Z, Vec3::ZERO]);
+    assert_eq!(cloud.emission, [Vec3::Z, Vec3::Z * 1e15]);
     assert_eq!(cloud.areas, [0.0; 2]);
     assert_eq!(
         cloud.repairs,
@@ -125,6 +125,7 @@ fn repairs_are_made_and_counted() {
             "1 reflectances that are no number set to 0.5",
             "1 reflectances outside [0, 1] clamped",
             "2 emissions that are negative or no number set to 0",
+            "1 emissions above 1e15 reduced to that",
             "2 areas that are no positive number estimated anew",
         ]
     );

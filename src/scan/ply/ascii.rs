@@ -2,9 +2,9 @@
 
 use std::io::Read;
 
+use ply_rs::ply::{ElementDef, PropertyType};
 use rayon::prelude::*;
 
-use super::header::{Element, Kind};
 use super::{PlyFile, Rows};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -23,8 +23,8 @@ pub fn rows(
     let slots: Vec<Option<usize>> = (0..element.properties.len())
         .map(|property| columns.iter().position(|&column| column == property))
         .collect();
-    let mut skip: u64 = ply.header.elements[..ply.vertex]
-        .iter()
+    let mut skip: usize = ply
+        .before()
         .filter(|element| !element.properties.is_empty())
         .map(|element| element.count)
         .sum();
@@ -114,7 +114,7 @@ fn count(bytes: &[u8], byte: u8) -> u64 {
 /// Parses one line; the value of property `i` goes to `row[slots[i]]`.
 fn parse(
     line: &[u8],
-    element: &Element,
+    element: &ElementDef,
     slots: &[Option<usize>],
     row: &mut [f64],
 ) -> std::result::Result<(), String> {
@@ -126,15 +126,15 @@ fn parse(
             .next()
             .ok_or_else(|| format!("the line ends before the value of {name:?}"))
     };
-    for (property, slot) in element.properties.iter().zip(slots) {
+    for (property, slot) in element.properties.values().zip(slots) {
         let word = next(&property.name)?;
-        match property.kind {
-            Kind::Scalar(_) => {
+        match property.data_type {
+            PropertyType::Scalar(_) => {
                 if let Some(slot) = *slot {
                     row[slot] = number(word).ok_or_else(|| not_a_number(word, &property.name))?;
                 }
             }
-            Kind::List { .. } => {
+            PropertyType::List(..) => {
                 let length = number(word)
                     .filter(|&length| length >= 0.0 && length.fract() == 0.0)
                     .ok_or_else(|| not_a_number(word, &property.name))?;

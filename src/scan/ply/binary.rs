@@ -2,10 +2,10 @@
 
 use std::io::{self, BufRead, Read, Seek};
 
+use ply_rs::ply::{ElementDef, Encoding, PropertyType, ScalarType};
 use rayon::prelude::*;
 
-use super::header::{Element, Encoding, Kind};
-use super::scalar::Scalar;
+use super::layout::{decode, offset, size};
 use super::{PlyFile, Rows};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -21,8 +21,7 @@ pub fn rows(
     progress: &dyn Progress,
     take: &mut dyn FnMut(Rows),
 ) -> Result<()> {
-    for i in 0..ply.vertex {
-        let element = ply.header.elements[i].clone();
+    for element in ply.before().cloned().collect::<Vec<_>>() {
         skip(&mut ply.input, &element, ply.header.encoding, progress)?.map_err(|e| {
             match e.kind() {
                 io::ErrorKind::UnexpectedEof => ply.input_error(format!(
@@ -36,7 +35,7 @@ pub fn rows(
             }
         })?;
     }
-    match ply.element().stride() {
+    match offset(ply.element(), usize::MAX) {
         Some(stride) => strided_rows(ply, stride, columns, progress, take),
         None => rows_with_lists(ply, columns, progress, take),
     }
@@ -51,15 +50,11 @@ fn strided_rows(
     take: &mut dyn FnMut(Rows),
 ) -> Result<()> {
     let encoding = ply.header.encoding;
-    let fields: Vec<(usize, Scalar)> = columns
+    let fields: Vec<(usize, ScalarType)> = columns
         .iter()
         .map(|&column| {
-            let before = &ply.element().properties[..column];
-            let offset = before.iter().map(|property| match property.kind {
-                Kind::Scalar(scalar) => scalar.size(),
-                Kind::List { .. } => unreachable!("rows of equal length have no lists"),
-            });
-            (offset.sum(), ply.scalar(column))
+            let offset = offset(ply.element(), column).expect("rows of equal length");
+            (offset, ply.scalar(column).clone())
         })
         .collect();
     let block = (BLOCK / stride).max(1).min(ply.len());
@@ -79,8 +74,8 @@ fn strided_rows(
             .zip(bytes.par_chunks_exact(stride))
             .with_min_len(GRAIN)
             .for_each(|(values, bytes)| {
-                for (value, &(offset, scalar)) in values.iter_mut().zip(&fields) {
-                    *value = scalar.decode(&bytes[offset..], encoding);
+                for (value, (offset, scalar)) in values.iter_mut().zip(&fields) {
+                    *value = decode(scalar, &bytes[*offset..], encoding);
                 }
             });
         take(values);
@@ -122,13 +117,13 @@ fn rows_with_lists(
 /// Skips all entries of an element. The outer error is the interruption.
 fn skip<R: BufRead + Seek>(
     input: &mut R,
-    element: &Element,
+    element: &ElementDef,
     encoding: Encoding,
     progress: &dyn Progress,
 ) -> Result<io::Result<()>> {
-    if let Some(stride) = element.stride() {
+    if let Some(stride) = offset(element, usize::MAX) {
         // No overflow: the header fits the file's length.
-        let bytes = element.count * stride as u64;
+        let bytes = (element.count * stride) as u64;
         progress.advance(bytes);
         return Ok(input.seek_relative(bytes as i64));
     }
@@ -148,25 +143,25 @@ fn skip<R: BufRead + Seek>(
 /// Reads the scalars of one entry and skips its lists; returns its length in bytes.
 fn read_row<R: BufRead + Seek>(
     input: &mut R,
-    element: &Element,
+    element: &ElementDef,
     encoding: Encoding,
     row: &mut [f64],
 ) -> io::Result<u64> {
     let mut bytes = 0;
-    for (property, value) in element.properties.iter().zip(row) {
-        let (Kind::Scalar(scalar) | Kind::List { count: scalar, .. }) = property.kind;
+    for (property, value) in element.properties.values().zip(row) {
+        let (PropertyType::Scalar(scalar) | PropertyType::List(scalar, _)) = &property.data_type;
         let mut buffer = [0; 8];
-        input.read_exact(&mut buffer[..scalar.size()])?;
-        *value = scalar.decode(&buffer, encoding);
-        bytes += scalar.size() as u64;
-        if let Kind::List { value: item, .. } = property.kind {
+        input.read_exact(&mut buffer[..size(scalar)])?;
+        *value = decode(scalar, &buffer, encoding);
+        bytes += size(scalar) as u64;
+        if let PropertyType::List(_, item) = &property.data_type {
             if *value < 0.0 {
                 return Err(io::Error::new(
                     io::ErrorKind::InvalidData,
                     format!("list {:?} has a negative length", property.name),
                 ));
             }
-            let length = *value as u64 * item.size() as u64;
+            let length = *value as u64 * size(item) as u64;
             // Beyond the end of the file the next read fails.
             input.seek_relative(length as i64)?;
             bytes += length;

@@ -4,14 +4,15 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use glam::{DVec3, Vec3};
+use ply_rs::ply::ScalarType;
 use rayon::prelude::*;
 
-use super::scalar::Scalar;
 use super::{PlyFile, Rows};
 use crate::colour::srgb_to_linear;
 use crate::error::Result;
 use crate::points::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
 use crate::progress::Progress;
+use crate::scene::BRIGHTEST;
 
 /// Rows for one thread at a time.
 const GRAIN: usize = 4096;
@@ -132,9 +133,9 @@ impl Fields {
             let types = slots.map(|slot| ply.scalar(columns[slot]));
             let colour = match types[0] {
                 _ if types.iter().any(|&other| other != types[0]) => None,
-                Scalar::U8 => Some(Colour::srgb(1 << 8)),
-                Scalar::U16 => Some(Colour::srgb(1 << 16)),
-                Scalar::F32 | Scalar::F64 => Some(Colour::Linear),
+                ScalarType::UChar => Some(Colour::srgb(1 << 8)),
+                ScalarType::UShort => Some(Colour::srgb(1 << 16)),
+                ScalarType::Float | ScalarType::Double => Some(Colour::Linear),
                 _ => None,
             };
             if colour.is_none() {
@@ -227,6 +228,15 @@ fn repair(cloud: &mut PointCloud, white: f32, repairs: &mut Vec<String>) {
             |e| e.map(|e| if e.is_finite() { e.max(0.0) } else { 0.0 }),
         ),
         "emissions that are negative or no number set to 0",
+    );
+    let brightest = Vec3::splat(BRIGHTEST);
+    tell(
+        mend(
+            &mut cloud.emission,
+            |e| e.cmple(brightest).all(),
+            |e| e.min(brightest),
+        ),
+        "emissions above 1e15 reduced to that",
     );
     tell(
         mend(&mut cloud.areas, |a| a > 0.0 && a.is_finite(), |_| 0.0),

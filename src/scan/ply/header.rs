@@ -1,74 +1,22 @@
-//! The header of a PLY file.
+//! The header of a PLY file: its text is read and checked here, its model made by ply-rs.
 //!
-//! Read here rather than by a library, because real headers have comments in any encoding, names
-//! with signs like `#` (CloudCompare writes them) and properties that come twice.
+//! ply-rs alone would wait for ever on an endless line, panic at numbers above 2⁶⁴, lose the first
+//! of two properties with the same name, and refuse comments that are not UTF-8 and names with
+//! signs like `#`, which CloudCompare writes.
 
+use std::collections::HashSet;
 use std::io::{BufRead, Read};
 
-use super::scalar::Scalar;
+use ply_rs::parser::Parser;
+use ply_rs::ply::{DefaultElement, ElementDef, Encoding, KeyMap};
 
 /// Longest header that is read, in bytes.
 const MAX_HEADER: u64 = 1 << 20;
 
-/// How the values after the header are written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Encoding {
-    Ascii,
-    LittleEndian,
-    BigEndian,
-}
-
-/// What one property of an element holds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    Scalar(Scalar),
-    /// A count, then as many values.
-    List {
-        count: Scalar,
-        value: Scalar,
-    },
-}
-
-#[derive(Clone, Debug)]
-pub struct Property {
-    pub name: String,
-    pub kind: Kind,
-}
-
-#[derive(Clone, Debug)]
-pub struct Element {
-    pub name: String,
-    pub count: u64,
-    pub properties: Vec<Property>,
-}
-
-impl Element {
-    /// Bytes of one entry of a binary file; `None` if lists make it vary.
-    pub fn stride(&self) -> Option<usize> {
-        self.properties
-            .iter()
-            .map(|property| match property.kind {
-                Kind::Scalar(scalar) => Some(scalar.size()),
-                Kind::List { .. } => None,
-            })
-            .sum()
-    }
-
-    /// The least number of bytes that all entries can take.
-    pub fn least_bytes(&self, encoding: Encoding) -> u128 {
-        let least = |property: &Property| match (encoding, property.kind) {
-            // A digit and what parts it from the next.
-            (Encoding::Ascii, _) => 2,
-            (_, Kind::Scalar(scalar) | Kind::List { count: scalar, .. }) => scalar.size(),
-        };
-        self.count as u128 * self.properties.iter().map(least).sum::<usize>() as u128
-    }
-}
-
-#[derive(Clone, Debug)]
 pub struct Header {
     pub encoding: Encoding,
-    pub elements: Vec<Element>,
+    /// In the order of the file, as are the properties of each.
+    pub elements: KeyMap<ElementDef>,
     /// Length of the header in bytes, and so where the values begin.
     pub bytes: u64,
     pub lines: u64,
@@ -79,17 +27,19 @@ pub struct Header {
 /// Reads a header up to and with its line `end_header`; fails with what is wrong and where.
 pub fn read(input: &mut impl BufRead) -> Result<Header, String> {
     let mut input = input.take(MAX_HEADER);
-    let (line_end, mut bytes) = read_magic(&mut input)?;
-    let mut encoding = None;
-    let mut elements: Vec<Element> = Vec::new();
-    let mut lines = 1;
+    let line_end = match input.fill_buf() {
+        Ok([b'p', b'l', b'y', b'\r', next, ..]) if *next != b'\n' => b'\r',
+        _ => b'\n',
+    };
+    let (mut bytes, mut lines) = (0, 0);
+    let mut text = String::new();
+    let mut seen = Seen::default();
     let mut line = Vec::new();
-    loop {
+    while !text.ends_with("\nend_header\n") {
         line.clear();
-        let n = input
+        bytes += input
             .read_until(line_end, &mut line)
-            .map_err(|e| format!("reading the header: {e}"))?;
-        bytes += n as u64;
+            .map_err(|e| format!("reading the header: {e}"))? as u64;
         lines += 1;
         if line.last() != Some(&line_end) && line.trim_ascii() != b"end_header" {
             return Err(if input.limit() == 0 {
@@ -99,103 +49,108 @@ pub fn read(input: &mut impl BufRead) -> Result<Header, String> {
             });
         }
         let line = line.trim_ascii();
-        if line.starts_with(b"comment") || line.starts_with(b"obj_info") {
-            continue; // these may be in any encoding
-        }
-        let wrong = |what: &str| {
+        let plain = match (lines, line) {
+            (1, b"ply") => Ok("ply".to_owned()),
+            (1, _) => Err("a PLY file begins with a line \"ply\""),
+            _ => plain_line(line, &mut seen),
+        };
+        text += &plain.map_err(|what| {
             let line: String = String::from_utf8_lossy(line).chars().take(80).collect();
             format!("header line {lines} ({line:?}): {what}")
-        };
-        let words = std::str::from_utf8(line).map_err(|_| wrong("not UTF-8"))?;
-        let words: Vec<&str> = words.split_ascii_whitespace().collect();
-        match words[..] {
-            ["end_header"] => break,
-            ["format", name, version] => {
-                if version != "1.0" {
-                    return Err(wrong("only version 1.0 is understood"));
-                }
-                let new = parse_encoding(name).ok_or_else(|| {
-                    wrong("must be ascii, binary_little_endian or binary_big_endian")
-                })?;
-                if encoding.replace(new).is_some_and(|old| old != new) {
-                    return Err(wrong("a second, different format"));
-                }
-            }
-            ["element", name, count] => {
-                let count = count
-                    .parse()
-                    .map_err(|_| wrong("the count must be a whole number from 0 on"))?;
-                if elements.iter().any(|element| element.name == name) {
-                    return Err(wrong("an element of this name came before"));
-                }
-                elements.push(Element {
-                    name: name.to_owned(),
-                    count,
-                    properties: Vec::new(),
-                });
-            }
-            ["property", ref kind @ .., name] => {
-                let kind = parse_kind(kind).map_err(|what| wrong(&what))?;
-                let element = elements
-                    .last_mut()
-                    .ok_or_else(|| wrong("a property before any element"))?;
-                element.properties.push(Property {
-                    name: name.to_owned(),
-                    kind,
-                });
-            }
-            _ => return Err(wrong("not understood")),
-        }
+        })?;
+        text.push('\n');
     }
+    let header = Parser::<DefaultElement>::new()
+        .read_header(&mut text.as_bytes())
+        .map_err(|e| format!("header: {e}"))?;
     Ok(Header {
-        encoding: encoding.ok_or("the header has no format line")?,
-        elements,
+        encoding: header.encoding,
+        elements: header.elements,
         bytes,
         lines,
         line_end,
     })
 }
 
-/// Reads the first line, "ply"; returns the byte that ends the file's lines, and the bytes read.
-fn read_magic(input: &mut impl BufRead) -> Result<(u8, u64), String> {
-    let wrong = || "not a PLY file (it does not begin with a line \"ply\")".to_owned();
-    let mut magic = [0; 4];
-    input.read_exact(&mut magic).map_err(|_| wrong())?;
-    if &magic == b"ply\r" && !matches!(input.fill_buf(), Ok([b'\n', ..])) {
-        return Ok((b'\r', 4));
-    }
-    let mut rest = vec![magic[3]];
-    if magic[3] != b'\n' {
-        input
-            .read_until(b'\n', &mut rest)
-            .map_err(|e| format!("reading the header: {e}"))?;
-    }
-    if !magic.starts_with(b"ply") || !rest.trim_ascii().is_empty() {
-        return Err(wrong());
-    }
-    Ok((b'\n', 3 + rest.len() as u64))
+/// What came so far.
+#[derive(Default)]
+struct Seen {
+    format: bool,
+    elements: HashSet<String>,
+    /// Of the last element.
+    properties: HashSet<String>,
 }
 
-fn parse_encoding(name: &str) -> Option<Encoding> {
-    match name {
-        "ascii" => Some(Encoding::Ascii),
-        "binary_little_endian" => Some(Encoding::LittleEndian),
-        "binary_big_endian" => Some(Encoding::BigEndian),
-        _ => None,
+/// A line as ply-rs reads it, or what is wrong with it.
+fn plain_line(line: &[u8], seen: &mut Seen) -> Result<String, &'static str> {
+    if line.starts_with(b"comment") || line.starts_with(b"obj_info") {
+        return Ok("comment".to_owned()); // these may be in any encoding
     }
-}
-
-fn parse_kind(words: &[&str]) -> Result<Kind, String> {
-    let scalar = |name: &str| Scalar::parse(name).ok_or_else(|| format!("unknown type {name:?}"));
-    match *words {
-        [value] => Ok(Kind::Scalar(scalar(value)?)),
-        ["list", count, value] => {
-            let (count, value) = (scalar(count)?, scalar(value)?);
-            if count.is_float() {
-                return Err("the count of a list must be of an integer type".to_owned());
-            }
-            Ok(Kind::List { count, value })
+    let line = std::str::from_utf8(line).map_err(|_| "not UTF-8")?;
+    let words: Vec<&str> = line.split_ascii_whitespace().collect();
+    let (line, rule) = match words[..] {
+        ["end_header"] => return Ok("end_header".to_owned()),
+        ["format", .., version] if version != "1.0" => {
+            return Err("only version 1.0 is understood");
         }
-        _ => Err("must be \"property TYPE NAME\" or \"property list TYPE TYPE NAME\"".to_owned()),
+        ["format", ..] if std::mem::replace(&mut seen.format, true) => {
+            return Err("a second format");
+        }
+        ["format", encoding, version] => (
+            format!("format {encoding} {version}"),
+            "must be ascii, binary_little_endian or binary_big_endian",
+        ),
+        ["element", name, count] => {
+            let count: usize = count
+                .parse()
+                .map_err(|_| "the count must be a whole number from 0 on")?;
+            seen.properties.clear();
+            let name = plain_name(name, &mut seen.elements)?;
+            return Ok(format!("element {name} {count}"));
+        }
+        ["property", ..] if seen.elements.is_empty() => {
+            return Err("a property before any element");
+        }
+        [
+            "property",
+            "list",
+            "float" | "float32" | "double" | "float64",
+            ..,
+        ] => {
+            return Err("the count of a list must be of an integer type");
+        }
+        ["property", ref kind @ .., name] => (
+            format!(
+                "property {} {}",
+                kind.join(" "),
+                plain_name(name, &mut seen.properties)?
+            ),
+            "must be \"property TYPE NAME\" or \"property list TYPE TYPE NAME\", with types like \
+             uchar, int, float or double",
+        ),
+        _ => return Err("not understood"),
+    };
+    match Parser::<DefaultElement>::new().read_header_line(&line) {
+        Ok(_) => Ok(line),
+        Err(_) => Err(rule),
+    }
+}
+
+/// A name in the letters that ply-rs takes, the others by number (`a#` is `a_-23-`), so that
+/// different names stay different.
+fn plain_name(name: &str, taken: &mut HashSet<String>) -> Result<String, &'static str> {
+    let plain: String = name
+        .chars()
+        .enumerate()
+        .map(|(i, c)| match c {
+            'a'..='z' | 'A'..='Z' | '_' => c.to_string(),
+            '0'..='9' if i > 0 => c.to_string(),
+            _ => format!("_-{:x}-", u32::from(c)),
+        })
+        .collect();
+    if taken.insert(plain.clone()) {
+        Ok(plain)
+    } else {
+        Err("this name came before")
     }
 }

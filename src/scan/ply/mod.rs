@@ -4,21 +4,24 @@ mod ascii;
 mod binary;
 mod cloud;
 mod header;
-mod scalar;
+mod layout;
 
 use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 
 pub use cloud::read;
+use ply_rs::ply::{ElementDef, Encoding, PropertyType, ScalarType};
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use header::{Element, Encoding, Header, Kind};
-use scalar::Scalar;
+use header::Header;
 
 /// A block of rows, one a vertex, of the values of the columns asked for.
 pub(crate) type Rows<'a> = &'a [f64];
+
+/// The element that holds the points.
+const VERTEX: &str = "vertex";
 
 /// A PLY file whose header has been read and fits the file's length.
 pub(crate) struct PlyFile {
@@ -26,8 +29,6 @@ pub(crate) struct PlyFile {
     input: BufReader<File>,
     header: Header,
     bytes: u64,
-    /// Index of the element "vertex".
-    vertex: usize,
 }
 
 impl PlyFile {
@@ -39,17 +40,14 @@ impl PlyFile {
             .len();
         let mut input = BufReader::with_capacity(1 << 16, file);
         let header = header::read(&mut input).map_err(|what| Error::input(path, what))?;
-        let vertex = header
-            .elements
-            .iter()
-            .position(|element| element.name == "vertex")
-            .ok_or_else(|| Error::input(path, "the header has no element \"vertex\""))?;
+        if !header.elements.contains_key(VERTEX) {
+            return Err(Error::input(path, "the header has no element \"vertex\""));
+        }
         let ply = PlyFile {
             path: path.to_owned(),
             input,
             header,
             bytes,
-            vertex,
         };
         ply.check_length()?;
         Ok(ply)
@@ -57,41 +55,48 @@ impl PlyFile {
 
     /// Number of vertices; the file is long enough to hold them.
     pub fn len(&self) -> usize {
-        self.element().count as usize
+        self.element().count
     }
 
     /// Index of a scalar property of the vertices, by its name with or without `scalar_`.
     pub fn column(&self, name: &str) -> Option<usize> {
         let find = |name: &str| {
-            self.element().properties.iter().position(|property| {
-                property.name == name && matches!(property.kind, Kind::Scalar(_))
+            self.element().properties.values().position(|property| {
+                property.name == name && matches!(property.data_type, PropertyType::Scalar(_))
             })
         };
         find(name).or_else(|| find(&format!("scalar_{name}")))
     }
 
-    fn scalar(&self, column: usize) -> Scalar {
-        match self.element().properties[column].kind {
-            Kind::Scalar(scalar) => scalar,
-            Kind::List { .. } => unreachable!("columns are scalars"),
+    fn scalar(&self, column: usize) -> &ScalarType {
+        let property = self.element().properties.values().nth(column);
+        match property.map(|property| &property.data_type) {
+            Some(PropertyType::Scalar(scalar)) => scalar,
+            _ => unreachable!("columns are scalars"),
         }
     }
 
-    fn element(&self) -> &Element {
-        &self.header.elements[self.vertex]
+    fn element(&self) -> &ElementDef {
+        &self.header.elements[VERTEX]
+    }
+
+    /// The elements before the vertices.
+    fn before(&self) -> impl Iterator<Item = &ElementDef> {
+        let elements = self.header.elements.values();
+        elements.take_while(|element| element.name != VERTEX)
     }
 
     /// A count is believed only if the file can hold it: nothing is allocated before.
     fn check_length(&self) -> Result<()> {
-        let least = |element: &Element| element.least_bytes(self.header.encoding);
+        let least = |element: &ElementDef| layout::least_bytes(element, self.header.encoding);
         let vertex = self.element();
-        let before: u128 = self.header.elements[..self.vertex].iter().map(least).sum();
+        let before: u128 = self.before().map(least).sum();
         let mut body = u128::from(self.bytes.saturating_sub(self.header.bytes));
         if self.header.encoding == Encoding::Ascii {
             body += 1; // the last line may lack its end
         }
         if before + least(vertex) > body {
-            let each = (least(vertex) / u128::from(vertex.count.max(1))).max(1);
+            let each = (least(vertex) / vertex.count.max(1) as u128).max(1);
             return Err(self.input_error(format!(
                 "the file is cut short: its header promises {} vertices, and there is room for at \
                  most {}",
@@ -99,7 +104,7 @@ impl PlyFile {
                 body.saturating_sub(before) / each,
             )));
         }
-        if vertex.count > u64::from(u32::MAX) {
+        if vertex.count > u32::MAX as usize {
             return Err(Error::TooLarge(format!(
                 "{}: {} points; at most {} are possible",
                 self.path.display(),

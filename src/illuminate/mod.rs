@@ -1,0 +1,205 @@
+//! The main job: scene in, illumination map and what it took out.
+
+mod task;
+mod work;
+
+use std::time::Instant;
+
+use serde::Serialize;
+
+use self::task::Task;
+use crate::error::{Error, Result};
+use crate::map::IlluminationMap;
+use crate::octree::Octree;
+use crate::operator::{Fmm, GpuFmm};
+use crate::passes::gpu::{Gpu, GpuVisibility};
+use crate::points::Surfels;
+use crate::progress::Progress;
+use crate::scene::Scene;
+use crate::stats::{Seconds, Stats};
+use crate::visibility::{Counted, CpuVisibility, NothingInTheWay, Occluders, Visibility};
+
+/// How the transport operator is applied.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Exact sum over all pairs of surfels, in f64 on the CPU: the truth, for small clouds.
+    Direct,
+    /// Links between facets, expansions, tested visibility.
+    Fmm,
+    /// `Direct` where that is cheaper, otherwise `Fmm`.
+    #[default]
+    Auto,
+}
+
+/// What stands in the way of light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Occlusion {
+    /// The cells of the surfels.
+    #[default]
+    Surfels,
+    /// Nothing.
+    None,
+}
+
+/// What is asked for.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    pub method: Method,
+    pub occlusion: Occlusion,
+    /// Relative error asked for; `None` takes the scene's, or 0.03.
+    pub tolerance: Option<f64>,
+    /// Bounces to follow; `None` goes on until the solution stands.
+    pub max_bounces: Option<u32>,
+    pub seed: u64,
+}
+
+/// The map and what it took.
+#[derive(Clone, Debug, Default)]
+pub struct Illumination {
+    pub map: IlluminationMap,
+    /// The surfels that the points stood for, in the order of the octree.
+    pub surfels: Surfels,
+    pub stats: Stats,
+}
+
+/// Where the passes run.
+pub enum Backend<'a> {
+    /// f32 on all threads of the current rayon pool.
+    Cpu,
+    /// WGSL on a device that the caller made.
+    Gpu {
+        device: &'a wgpu::Device,
+        queue: &'a wgpu::Queue,
+        adapter: &'a str,
+    },
+}
+
+/// Clouds up to this size are summed up directly when the method is left open: finding links
+/// would cost more segments than testing all pairs.
+const DIRECT_UP_TO: usize = 1000;
+
+/// Default of [`Options::tolerance`].
+pub const DEFAULT_TOLERANCE: f64 = 0.03;
+
+/// Computes the illumination map of a scene.
+pub fn illuminate(
+    scene: &Scene,
+    options: &Options,
+    backend: Backend,
+    progress: &dyn Progress,
+) -> Result<Illumination> {
+    let tolerance = options
+        .tolerance
+        .or(scene.tolerance)
+        .unwrap_or(DEFAULT_TOLERANCE);
+    let mut clock = Clock::start();
+    let prepared = Surfels::prepare(&scene.cloud, progress)?;
+    let prepare = clock.lap();
+    progress.stage("octree", 1);
+    let (octree, surfels) = Octree::build(&prepared.surfels);
+    let occluders = match options.occlusion {
+        Occlusion::Surfels => Some(Occluders::build(&surfels)),
+        Occlusion::None => None,
+    };
+    let octree_seconds = clock.lap();
+
+    let method = match (options.method, &backend) {
+        (Method::Direct, Backend::Gpu { .. }) => {
+            return Err(Error::Usage(
+                "the direct method is the reference in f64 and runs on the CPU only: use \
+                 --backend cpu, or --method fmm"
+                    .into(),
+            ));
+        }
+        (Method::Auto, Backend::Cpu) if surfels.len() <= DIRECT_UP_TO => Method::Direct,
+        (Method::Auto, _) => Method::Fmm,
+        (chosen, _) => chosen,
+    };
+    let on_cpu;
+    let on_gpu;
+    let tester: &dyn Visibility = match (&occluders, &backend) {
+        (None, _) => &NothingInTheWay,
+        (Some(occluders), Backend::Cpu) => {
+            on_cpu = CpuVisibility::<f32>::new(occluders);
+            &on_cpu
+        }
+        (Some(occluders), Backend::Gpu { device, queue, .. }) => {
+            on_gpu = GpuVisibility::new(&Gpu::new(device, queue), occluders)?;
+            &on_gpu
+        }
+    };
+    let visibility = Counted::new(tester);
+    let task = Task {
+        scene,
+        surfels: &surfels,
+        octree: &octree,
+        visibility: &visibility,
+        tolerance,
+        max_bounces: options.max_bounces,
+        seed: options.seed,
+        progress,
+    };
+    let mut repairs = prepared.repairs.clone();
+    let solved = match (method, &backend) {
+        (Method::Direct, _) => task.direct(&mut repairs)?,
+        (_, Backend::Cpu) => task.fmm(&mut repairs, &|links, work| {
+            work.solve(&Fmm::<f32>::new(&surfels, &octree, links), progress)
+        })?,
+        (_, Backend::Gpu { device, queue, .. }) => task.fmm(&mut repairs, &|links, work| {
+            let gpu = Gpu::new(device, queue);
+            work.solve(&GpuFmm::new(&gpu, &surfels, &octree, links)?, progress)
+        })?,
+    };
+    let rest = clock.lap();
+    let map = IlluminationMap::new(&scene.cloud, &prepared, &surfels, &solved.irradiance);
+    let (name, adapter) = match backend {
+        Backend::Cpu => ("cpu", None),
+        Backend::Gpu { adapter, .. } => ("gpu", Some(adapter.to_owned())),
+    };
+    Ok(Illumination {
+        map,
+        stats: Stats {
+            points: scene.cloud.len(),
+            surfels: surfels.len(),
+            method,
+            backend: name.into(),
+            adapter,
+            tolerance,
+            iterations: solved.ended.iterations,
+            residual: solved.ended.residual,
+            converged: solved.ended.converged,
+            seconds: Seconds {
+                prepare,
+                octree: octree_seconds,
+                visibility: visibility.seconds(),
+                solve: solved.seconds,
+                links: (rest - visibility.seconds() - solved.seconds).max(0.0),
+                ..Seconds::default()
+            },
+            links: solved.links,
+            segments: visibility.segments(),
+            peak_memory_bytes: None,
+            row_sum: solved.row_sum,
+            repairs,
+        },
+        surfels,
+    })
+}
+
+/// A stop watch with laps.
+struct Clock(Instant);
+
+impl Clock {
+    fn start() -> Self {
+        Clock(Instant::now())
+    }
+
+    /// Seconds since the start or the last lap.
+    fn lap(&mut self) -> f64 {
+        let seconds = self.0.elapsed().as_secs_f64();
+        self.0 = Instant::now();
+        seconds
+    }
+}
