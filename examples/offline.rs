@@ -6,11 +6,11 @@
 
 use std::path::PathBuf;
 
+use fmmgi_gpu::glam::Vec3;
 use fmmgi_gpu::passes::gpu::adapter::{self, AdapterChoice};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::{Backend, Options, Result, Scene, illuminate, output};
-use glam::Vec3;
 
 fn main() -> Result<()> {
     let mut args = std::env::args_os().skip(1).map(PathBuf::from);

@@ -221,7 +221,10 @@ fn bad_scene_files_are_refused_in_words() {
             &["line 3", "from 0 on"],
         ),
         (with(&format!("{QUAD}\nemission = nan")), &["NaN"]),
-        (with(&format!("{QUAD}\nemission = 1e300")), &["at most 1e15"]),
+        (
+            with(&format!("{QUAD}\nemission = 1e300")),
+            &["at most 1e15"],
+        ),
         (
             format!("points = 0\n{}", with(QUAD)),
             &["line 1", "at least 1"],
