@@ -20,12 +20,26 @@ const PI = 3.14159265359;
 @group(0) @binding(1) var<storage, read> pairs: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read_write> form_factors: array<f32>;
 
+// Angle of the place (x, y), y >= 0, in [0, pi], to the last bits; WGSL promises no more than 11 bits
+// of atan2. The polynomial is that of atanf in Cephes (Moshier 1989).
+fn angle(y: f32, x: f32) -> f32 {
+    let most = max(y, abs(x));
+    let t = min(y, abs(x)) / most;
+    let steep = t > 0.41421357;
+    let u = select(t, (t - 1.0) / (t + 1.0), steep);
+    let z = u * u;
+    let series = ((0.080537446 * z - 0.13877685) * z + 0.19977711) * z - 0.3333295;
+    var a = select(0.0, 0.25 * PI, steep) + (u + u * z * series);
+    a = select(a, 0.5 * PI - a, y > abs(x));
+    return select(a, PI - a, x < 0.0);
+}
+
 // Angle under which the edge start a to b is seen, times the cosine between `normal` and its plane.
 fn edge(normal: vec3<f32>, a: vec3<f32>, b: vec3<f32>) -> f32 {
     let product = cross(a, b);
     let sine = length(product);
     if sine > 0.0 {
-        return atan2(sine, dot(a, b)) * dot(normal, product) / sine;
+        return angle(sine, dot(a, b)) * dot(normal, product) / sine;
     }
     return 0.0;
 }
@@ -98,7 +112,8 @@ fn pair_form_factor(i: u32, j: u32) -> f32 {
     let cos_source = -dot(normal, r);
     if r2 >= NEAR_SPACINGS * NEAR_SPACINGS * max(to.w, source.w) {
         let faces = cos_to > 0.0 && cos_source > 0.0;
-        return select(0.0, source.w * (cos_to * cos_source / (PI * r2 * r2)), faces);
+        let inverse = 1.0 / r2;
+        return select(0.0, source.w * ((cos_to * inverse) * (cos_source * inverse) / PI), faces);
     }
     if i == j || cos_source <= 0.0 {
         return 0.0; // a cell does not light its own plane or what lies behind it

@@ -2,8 +2,6 @@
 // src/passes/cpu/l2p.rs.
 // Tables: facets, surfels. Expansions: locals.
 
-const SURFEL_TEXELS = 2u;
-
 @group(0) @binding(3) var<storage, read_write> irradiance: array<vec4<f32>>;
 
 fn l2p(f: u32) {

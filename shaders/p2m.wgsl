@@ -1,8 +1,6 @@
 // P2M: moments of the leaves from the radiosity of their surfels; other facets get zeros. The twin
 // of src/passes/cpu/p2m.rs.
-// Tables: facets, surfels (position and area, normal), radiosity. Expansions: moments.
-
-const SURFEL_TEXELS = 2u;
+// Tables: facets, surfels, radiosity. Expansions: moments.
 
 fn p2m(f: u32) {
     let facet = reals(facets(f * FACET_TEXELS));

@@ -90,8 +90,8 @@ impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(
             f,
-            "points  {}\nrel L2  {:.6}\nmedian  {:.6}\np95     {:.6}\np99     {:.6}\n\
-             max     {:.6}\nbias    {:+.6}",
+            "points  {}\nrel L2  {:.3e}\nmedian  {:.3e}\np95     {:.3e}\np99     {:.3e}\n\
+             max     {:.3e}\nbias    {:+.3e}",
             self.points, self.rel_l2, self.median, self.p95, self.p99, self.max, self.bias
         )
     }

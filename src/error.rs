@@ -53,6 +53,14 @@ impl Error {
         }
     }
 
+    /// The same error, with the name of the file whose content is meant.
+    pub fn about(self, path: impl AsRef<Path>) -> Self {
+        match self {
+            Error::Invalid(message) => Error::input(path, message),
+            other => other,
+        }
+    }
+
     /// Exit code of the binary: 1 failed, 2 wrong usage, 3 no such backend, 130 interrupted.
     /// (0 is success and 4 "done, but not converged"; neither is an error.)
     pub fn exit_code(&self) -> u8 {

@@ -1,4 +1,6 @@
-//! How much memory the process took, and how much there is.
+//! How much memory the process took, how much there is, and whether that is enough.
+
+use crate::error::{Error, Result};
 
 /// Largest resident size of this process so far, in bytes; `None` where the system does not tell.
 #[cfg(unix)]
@@ -33,4 +35,29 @@ pub fn available() -> Option<u64> {
     let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kib * 1024)
+}
+
+/// Memory that a solve takes a point, at least; measured are 1,200 bytes (a room of a million points)
+/// to 3,300 (a cave).
+const BYTES_A_POINT: u64 = 1200;
+
+/// Refuses a number of points that cannot be lit in the memory that is free, before anything is
+/// allocated for them.
+pub fn check_points(count: u64) -> Result<()> {
+    if count >= u64::from(u32::MAX) {
+        return Err(Error::TooLarge(format!(
+            "{count} points: a cloud has fewer than {}",
+            u32::MAX
+        )));
+    }
+    let needed = count * BYTES_A_POINT;
+    match available() {
+        Some(free) if needed > free => Err(Error::TooLarge(format!(
+            "{count} points need at least {} MiB of memory, but only {} MiB are free: take fewer \
+             points",
+            needed >> 20,
+            free >> 20
+        ))),
+        _ => Ok(()),
+    }
 }

@@ -32,6 +32,9 @@ pub struct Ended {
 /// 5 to 9 steps (reflectance 0.5 to 0.99).
 const KRYLOV: usize = 30;
 
+/// Parts of a unit vector as small as this are rounding.
+const BREAKDOWN: f64 = 1e-14;
+
 /// Solves (I - ρF) R = source, with source = ρH₀, starting from `start` or from the source.
 pub fn solve<O: TransportOperator>(
     operator: &O,
@@ -167,6 +170,9 @@ fn gmres<O: TransportOperator>(
         }
         let k = column.len() - 1;
         let r = column[k].hypot(length);
+        if r <= BREAKDOWN {
+            break; // singular, as where nothing is absorbed and nothing gets out
+        }
         let (c, s) = (column[k] / r, length / r);
         column[k] = r;
         rotations.push((c, s));
@@ -176,7 +182,7 @@ fn gmres<O: TransportOperator>(
         remaining = rhs[k + 1].abs();
         progress.advance(1);
         // The solution is in the space: what is left of a unit vector is rounding.
-        if length <= 1e-14 {
+        if length <= BREAKDOWN {
             break;
         }
         fields.scale(1.0 / length, &mut w)?;

@@ -2,10 +2,12 @@
 
 mod common;
 
-use common::{clutter, differing, gpu, segment, some_segments, sphere};
+use common::{clutter, differing, gpu, limited, segment, some_segments, sphere};
 use fmmgi_gpu::Surfels;
 use fmmgi_gpu::error::Error;
-use fmmgi_gpu::passes::gpu::{Gpu, GpuVisibility, TABLE_WIDTH, adapter};
+use fmmgi_gpu::passes::gpu::{
+    Batches, Gpu, GpuVisibility, Pieces, Pipeline, Shader, TABLE_WIDTH, adapter,
+};
 use fmmgi_gpu::visibility::{CpuVisibility, Occluders, Segment, Visibility};
 use glam::Vec3;
 
@@ -37,18 +39,6 @@ fn a_table_of_several_rows_is_read_in_order() {
     let device = GpuVisibility::new(gpu(), &Occluders::build(&surfels)).unwrap();
     let answers = device.visible(&segments).unwrap();
     assert!(differing(&answers, &on_cpu(&surfels, &segments)) <= 3);
-}
-
-/// A device with lower limits than it could have.
-fn limited(required_limits: wgpu::Limits) -> Gpu {
-    let instance = wgpu::Instance::default();
-    let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
-    let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
-        required_limits,
-        ..Default::default()
-    }))
-    .unwrap();
-    Gpu::new(&device, &queue)
 }
 
 #[test]
@@ -84,4 +74,52 @@ fn a_lost_device_is_an_error() {
     open.device.destroy();
     let answer = device.visible(&[segment(Vec3::X, Vec3::Y)]);
     assert!(matches!(answer, Err(Error::Device(_))), "{answer:?}");
+}
+
+/// Stands for a driver that gives up: a stage whose workgroups report only if `ran` says so.
+fn stage(name: &'static str, ran: &'static str) -> Pipeline {
+    const BINDINGS: &str = "
+        @group(0) @binding(RANGE_BINDING) var<uniform> range: vec2<u32>;
+        @group(0) @binding(REPORTS_BINDING) var<storage, read_write> reports: atomic<u32>;
+        @compute @workgroup_size(WORKGROUP)
+        fn main(@builtin(workgroup_id) group: vec3<u32>,
+                @builtin(local_invocation_index) local: u32) {
+            if local == 0u && range.y > 0u && ran(group.x) { atomicAdd(&reports, 1u); }
+        }
+    ";
+    let shader = Shader {
+        name,
+        tables: &[],
+        expansions: &[],
+        shared: Box::leak(Box::new([BINDINGS])),
+        text: ran,
+    };
+    Pipeline::new(gpu(), &shader).unwrap()
+}
+
+#[test]
+fn a_dispatch_that_was_given_up_is_an_error() {
+    let complete = stage("complete", "fn ran(group: u32) -> bool { return true; }");
+    let broken = stage(
+        "broken",
+        "fn ran(group: u32) -> bool { return group != 3u; }",
+    );
+    let pieces = Pieces::in_turn(gpu(), &[0..300, 300..1000], |_| 1).unwrap();
+    let batches = Batches::new(gpu()).unwrap();
+    let run = |stage: &Pipeline| {
+        batches.run_and_wait("test", |batch| batch.dispatch(stage, &[], &pieces))
+    };
+    run(&complete).unwrap();
+    let error = run(&broken).unwrap_err();
+    assert!(
+        matches!(&error, Error::Device(m) if m.contains("2 workgroups")),
+        "{error}"
+    );
+    run(&complete).unwrap();
+    // Found out later where nobody waited for it.
+    batches
+        .run("test", |batch| batch.dispatch(&broken, &[], &pieces))
+        .unwrap();
+    assert!(run(&complete).is_err());
+    run(&complete).unwrap();
 }

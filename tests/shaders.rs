@@ -2,7 +2,8 @@
 
 use std::mem::offset_of;
 
-use fmmgi_gpu::passes::gpu::SHADERS;
+use fmmgi_gpu::expansion::Moments;
+use fmmgi_gpu::passes::gpu::{COEFFICIENTS, Cell, Facet, Link, SHADERS, Surfel};
 use fmmgi_gpu::visibility::{Node, Occluder, Segment};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Expression, Literal, Module, TypeInner};
@@ -101,4 +102,52 @@ fn visibility_reads_what_rust_writes() {
         size_of::<Occluder>() / 16
     );
     assert_eq!(constant(&module, "COUNT_BITS"), Node::COUNT_BITS);
+}
+
+#[test]
+fn expansions_read_what_rust_writes() {
+    for name in ["p2m", "m2m", "m2l", "l2l", "l2p"] {
+        let module = module(name);
+        same_layout!(&module, Facet, "Facet", [
+            centre => "centre", scale => "scale", begin => "begin", end => "end",
+            first_child => "first_child", child_count => "child_count",
+            parent => "parent", padding => "padding",
+        ]);
+        same_layout!(&module, Surfel, "Surfel", [
+            position => "position", area => "area", normal => "normal", padding => "padding",
+        ]);
+        assert_eq!(
+            constant(&module, "FACET_TEXELS") as usize,
+            size_of::<Facet>() / 16
+        );
+        assert_eq!(
+            constant(&module, "SURFEL_TEXELS") as usize,
+            size_of::<Surfel>() / 16
+        );
+        assert_eq!(constant(&module, "COEFFICIENTS") as usize, COEFFICIENTS);
+        assert_eq!(
+            COEFFICIENTS,
+            size_of::<Moments<f32>>() / size_of::<[f32; 3]>()
+        );
+    }
+}
+
+#[test]
+fn links_are_read_as_rust_writes_them() {
+    for name in ["m2l", "near_field"] {
+        same_layout!(&module(name), Link, "Link", [source => "source", weight => "weight"]);
+    }
+}
+
+#[test]
+fn form_factors_read_what_rust_writes() {
+    let module = module("form_factor");
+    same_layout!(&module, Cell, "Cell", [
+        position => "position", area => "area", normal => "normal", padding0 => "padding0",
+        tangent => "tangent", padding1 => "padding1", corners => "corners",
+    ]);
+    assert_eq!(
+        constant(&module, "CELL_TEXELS") as usize,
+        size_of::<Cell>() / 16
+    );
 }

@@ -26,6 +26,16 @@ struct Facet {
 
 const FACET_TEXELS = 3u;
 
+// What the texels of the table of surfels hold.
+struct Surfel {
+    position: vec3<f32>,
+    area: f32,
+    normal: vec3<f32>,
+    padding: f32,
+}
+
+const SURFEL_TEXELS = 2u;
+
 // Column k is colour * v_k.
 fn outer(colour: vec3<f32>, v: vec3<f32>) -> mat3x3<f32> {
     return mat3x3(colour * v.x, colour * v.y, colour * v.z);

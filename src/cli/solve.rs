@@ -129,7 +129,8 @@ pub fn run(args: &Args) -> Result<Done> {
     warn_of_darkness(&scene, &progress);
     progress.note(&format!("backend: {}", chosen.describe()));
 
-    let mut result = illuminate(&scene, &options, chosen.backend(), &progress)?;
+    let mut result = illuminate(&scene, &options, chosen.backend(), &progress)
+        .map_err(|error| error.about(&args.input))?;
 
     // Everything is computed before anything is written: an interruption leaves no half result.
     let png = args

@@ -15,8 +15,9 @@ pub fn point_kernel<T: Real>(x: T::Vec3, n_x: T::Vec3, y: T::Vec3, n_y: T::Vec3)
     let cos_x = n_x.dot(r);
     let cos_y = -n_y.dot(r);
     if cos_x > T::ZERO && cos_y > T::ZERO {
-        let r2 = r.dot(r);
-        cos_x * cos_y / (T::PI * r2 * r2)
+        // Not divided by r⁴, which leaves the range of f32 at lengths of 1e-9 and 1e9.
+        let inverse = T::ONE / r.dot(r);
+        (cos_x * inverse) * (cos_y * inverse) / T::PI
     } else {
         T::ZERO
     }

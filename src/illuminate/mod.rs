@@ -5,6 +5,7 @@ mod work;
 
 use std::time::Instant;
 
+use glam::Vec3;
 use serde::Serialize;
 
 use self::task::Task;
@@ -15,7 +16,7 @@ use crate::operator::{Fmm, GpuFmm};
 use crate::passes::gpu::{Gpu, GpuVisibility};
 use crate::points::Surfels;
 use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
 use crate::stats::{Seconds, Stats};
 use crate::visibility::{Counted, CpuVisibility, NothingInTheWay, Occluders, Visibility};
 
@@ -94,6 +95,7 @@ pub fn illuminate(
         .tolerance
         .or(scene.tolerance)
         .unwrap_or(DEFAULT_TOLERANCE);
+    check(scene, tolerance)?;
     let mut clock = Clock::start();
     let prepared = Surfels::prepare(&scene.cloud, progress)?;
     let prepare = clock.lap();
@@ -186,6 +188,35 @@ pub fn illuminate(
         },
         surfels,
     })
+}
+
+/// Numbers that no light can have.
+fn check(scene: &Scene, tolerance: f64) -> Result<()> {
+    let invalid = |what: String| Err(Error::Invalid(what));
+    if !TOLERANCES.contains(&tolerance) {
+        return invalid(format!(
+            "tolerance {tolerance}: must lie between {} and {}",
+            TOLERANCES.start(),
+            TOLERANCES.end()
+        ));
+    }
+    let shines = |rgb: Vec3| rgb.cmpge(Vec3::ZERO).all() && rgb.cmple(Vec3::splat(BRIGHTEST)).all();
+    for (k, light) in scene.lights.iter().enumerate() {
+        if !(light.position.abs().max_element() <= LARGEST && shines(light.intensity)) {
+            return invalid(format!(
+                "light {k} at {} with intensity {}: numbers must be finite, intensities not \
+                 negative",
+                light.position, light.intensity
+            ));
+        }
+    }
+    if !shines(scene.sky) {
+        return invalid(format!(
+            "sky {}: must be finite and not negative",
+            scene.sky
+        ));
+    }
+    Ok(())
 }
 
 /// A stop watch with laps.

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::BATCH;
 use crate::error::Result;
-use crate::expansion::{Local, Moments, Surface};
+use crate::expansion::{Local, Moments, NEAR_SPACINGS, Surface};
 use crate::octree::Octree;
 use crate::passes::cpu::{m2m, p2m};
 use crate::points::Surfels;
@@ -176,11 +176,15 @@ impl Emitters {
             let axis = facet.axis.as_dvec3();
             let height = axis.dot(x);
             let slack = f64::from(facet.spread) * (distance + radius);
-            if above + radius <= 0.0 || height - f64::from(facet.slab[0]) + slack <= 0.0 {
+            // A cell may rise above a horizon that its surfel lies below.
+            let reach = f64::from(facet.reach);
+            if above + radius + reach <= 0.0 || height - f64::from(facet.slab[0]) + slack <= 0.0 {
                 continue;
             }
             let faces = above >= radius && height - f64::from(facet.slab[1]) >= slack;
-            if faces && radius <= self.opening * distance {
+            let spacing = self.all.areas[i].sqrt().max(f64::from(facet.spacing));
+            let far = distance - radius >= NEAR_SPACINGS * spacing;
+            if faces && far && radius <= self.opening * distance {
                 let mut local = Local::default();
                 let scale = f64::from(facet.scale()) / distance;
                 let source = &self.moments[f as usize];
@@ -224,14 +228,13 @@ impl Emitters {
             .iter()
             .map(|item| (item.end - item.begin) as usize)
             .sum();
-        let total: f64 = r
-            .items
-            .iter()
-            .map(|item| item.irradiance.element_sum())
-            .sum();
-        if total <= 0.0 {
+        if r.unoccluded == DVec3::ZERO {
             return Vec::new();
         }
+        // Every colour counts alike, however weak: each has its own shadows.
+        let whole = r.unoccluded.max(DVec3::splat(f64::MIN_POSITIVE));
+        let share = |item: &Item| (item.irradiance / whole).element_sum();
+        let total: f64 = r.items.iter().map(share).sum();
         if members == r.items.len() && members <= count {
             let all = r.items.iter().map(|item| Drawn {
                 emitter: self.index[item.begin as usize],
@@ -248,13 +251,13 @@ impl Emitters {
         let mut passed = 0.0;
         let mut drawn = Vec::with_capacity(count);
         for item in &r.items {
-            let light = item.irradiance.element_sum();
-            passed += light;
+            let share = share(item);
+            passed += share;
             while next < passed && drawn.len() < count {
                 let e = r.random.random_range(item.begin..item.end) as usize;
                 drawn.push(Drawn {
                     emitter: self.index[e],
-                    light: item.irradiance / light,
+                    light: item.irradiance / share,
                 });
                 next += step;
             }

@@ -65,15 +65,38 @@ impl Facing {
     }
 }
 
-/// Bounds of n_a · (b - a) over all surfels a and b of two facets: the height of b's box above a's
-/// slab, widened by the spread of a's normals over the farthest distance.
+/// Bounds of n_a · (b - a) over all surfels a and b of two facets that are at most `farthest` apart.
+///
+/// Along the axis of a the way b - a has a height h within known bounds, and across it at most
+/// √(farthest² - h²); a normal leans from the axis by an angle θ whose sine is the spread. So
+/// n_a · (b - a) is at most h cos θ + √(farthest² - h²) sin θ, which grows with h up to its largest
+/// value, `farthest`.
 fn heights(a: &Facet, b: &Facet, farthest: f32) -> [f32; 2] {
     if a.spread >= 1.0 {
         return [-farthest, farthest];
     }
+    let cos = (1.0 - a.spread * a.spread).sqrt();
+    let highest = |h: f32| {
+        if h >= farthest * cos {
+            farthest
+        } else {
+            h * cos + (farthest * farthest - h * h).max(0.0).sqrt() * a.spread
+        }
+    };
+    let [least, most] = along(a, b);
+    [-highest(a.slab[1] - least), highest(most - a.slab[0])]
+}
+
+/// Bounds of a's axis · b: from the box of b, and from its slab and radius, which are tighter where
+/// b is flat and lies askew in its box.
+fn along(a: &Facet, b: &Facet) -> [f32; 2] {
     let (low, high) = (a.axis * b.low, a.axis * b.high);
-    let least = low.min(high).element_sum() - a.slab[1];
-    let most = low.max(high).element_sum() - a.slab[0];
-    let spread = a.spread * farthest;
-    [least - spread, most + spread]
+    let centre = a.axis.dot(b.centre);
+    let cos = a.axis.dot(b.axis);
+    let across = a.axis.cross(b.axis).length() * b.radius;
+    let slab = b.slab.map(|s| cos * (s - b.axis.dot(b.centre)));
+    [
+        (low.min(high).element_sum()).max(centre + slab[0].min(slab[1]) - across),
+        (low.max(high).element_sum()).min(centre + slab[0].max(slab[1]) + across),
+    ]
 }

@@ -94,7 +94,8 @@ impl Facet {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let mut radius = 0.0_f64;
         let mut slab = [f64::INFINITY, f64::NEG_INFINITY];
-        let mut cos = 1.0_f64;
+        // The sine by a cross product: that of equal normals is zero, not the root of a rounding.
+        let mut spread = if axis.is_some() { 0.0_f64 } else { 1.0 };
         let direction = axis.unwrap_or(DVec3::Z);
         for (p, n) in positions().zip(normals()) {
             low = low.min(p);
@@ -102,12 +103,12 @@ impl Facet {
             radius = radius.max(p.distance(centre));
             let height = direction.dot(p);
             slab = [slab[0].min(height), slab[1].max(height)];
-            cos = cos.min(direction.dot(n));
+            spread = spread.max(if direction.dot(n) > 0.0 {
+                direction.cross(n).length().min(1.0)
+            } else {
+                1.0
+            });
         }
-        let spread = match axis {
-            Some(_) if cos > 0.0 => (1.0 - cos * cos).max(0.0).sqrt(),
-            _ => 1.0,
-        };
         Facet {
             begin,
             end: begin + members.len() as u32,

@@ -48,8 +48,8 @@ impl GpuFields {
             scale: Pipeline::new(gpu, &wgsl::SCALE)?,
             multiply: Pipeline::new(gpu, &wgsl::MULTIPLY)?,
             inner_product: Pipeline::new(gpu, &wgsl::INNER_PRODUCT)?,
-            items: Pieces::new(gpu, &[0..len as u32], |_| 3)?,
-            parts: Pieces::new(gpu, &[0..parts as u32], |_| 2 * PART)?,
+            items: Pieces::new(gpu, len as u32, |_| 3)?,
+            parts: Pieces::new(gpu, parts as u32, |_| 2 * PART)?,
             sums: gpu.storage("sums", parts * size_of::<f32>())?,
         })
     }

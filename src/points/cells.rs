@@ -41,19 +41,25 @@ pub(super) struct Cell {
     pub spacing: f64,
 }
 
-/// A cell reaches no farther than this many spacings.
-const REACH: f64 = 0.85;
+/// A cell reaches no farther than this many spacings: as far as cells of random points do.
+const REACH: f64 = 1.3;
 /// An angle without a neighbour that is wider than this is an open border.
 const BORDER_GAP: f64 = 130.0 / 180.0 * PI;
+/// Neighbours as near as this, in spacings, count for that: a gap in a smaller circle may be the
+/// chance of random points.
+const BORDER_RANGE: f64 = 3.0;
 /// Neighbours that face away further than this belong to the other side of a thin wall.
 const OTHER_SIDE: f64 = -0.9;
+/// A corner that cuts off no more than this part of the area is none.
+const SLIVER: f64 = 1e-4;
 
 impl Cell {
     /// The cell of a point with unit `normal` among its `neighbours` (nearest first); a neighbour
     /// belongs to the same smooth surface if the cosine between the normals exceeds `crease`.
-    pub fn new(normal: DVec3, neighbours: &[Neighbour], crease: f64) -> Cell {
+    /// Without any neighbour the cell is of the order of `size`.
+    pub fn new(normal: DVec3, neighbours: &[Neighbour], crease: f64, size: f64) -> Cell {
         let similar = |n: &&Neighbour| n.normal.dot(normal) > crease;
-        let nearest = neighbours.first().map_or(1.0, |n| n.offset.length());
+        let nearest = neighbours.first().map_or(size, |n| n.offset.length());
         let (sum, count) = neighbours
             .iter()
             .filter(similar)
@@ -84,11 +90,11 @@ impl Cell {
             let side = -n.offset.dot(n.normal);
             let across = flat(n.normal) * -side.signum();
             if side.abs() > 1e-3 * spacing {
-                polygon.clip_unless_empty(across, side.abs());
+                polygon.clip(across, side.abs());
             }
         }
         for (direction, distance) in borders(neighbours, &flat, normal, crease, spacing) {
-            polygon.clip_unless_empty(direction, distance);
+            polygon.clip(direction, distance);
         }
         let area = polygon.area();
         Cell {
@@ -118,7 +124,8 @@ fn borders(
 ) -> Vec<(DVec2, f64)> {
     let around = |n: &&Neighbour| {
         let cos = n.normal.dot(normal);
-        cos > OTHER_SIDE && n.offset.length() < if cos > crease { 2.0 } else { 1.6 } * spacing
+        cos > OTHER_SIDE
+            && n.offset.length() < if cos > crease { BORDER_RANGE } else { 1.6 } * spacing
     };
     let mut angles: Vec<f64> = neighbours
         .iter()
@@ -131,14 +138,12 @@ fn borders(
         return Vec::new();
     }
     angles.sort_by(f64::total_cmp);
-    let half = 0.5
-        * neighbours
-            .iter()
-            .filter(|n| n.normal.dot(normal) > crease)
-            .take(3)
-            .map(|n| n.offset.length())
-            .sum::<f64>()
-        / 3.0;
+    let (sum, count) = neighbours
+        .iter()
+        .filter(|n| n.normal.dot(normal) > crease)
+        .take(3)
+        .fold((0.0, 0), |(s, c), n| (s + n.offset.length(), c + 1));
+    let half = 0.5 * sum / f64::from(count.max(1));
     let mut planes = Vec::new();
     for (k, &from) in angles.iter().enumerate() {
         let to = match angles.get(k + 1) {
@@ -177,7 +182,7 @@ impl Polygon {
         )
     }
 
-    /// Keeps the part where `direction · p <= limit`.
+    /// Keeps the part where `direction · p <= limit`, with a positive limit: the origin stays in.
     fn clip(&mut self, direction: DVec2, limit: f64) {
         let inside = |p: DVec2| limit - direction.dot(p);
         if self.0.iter().all(|&p| inside(p) >= 0.0) {
@@ -197,14 +202,6 @@ impl Polygon {
         self.0 = kept;
     }
 
-    fn clip_unless_empty(&mut self, direction: DVec2, limit: f64) {
-        let before = self.0.clone();
-        self.clip(direction, limit);
-        if self.0.len() < 3 {
-            self.0 = before;
-        }
-    }
-
     fn area(&self) -> f64 {
         let n = self.0.len();
         0.5 * (0..n)
@@ -212,18 +209,24 @@ impl Polygon {
             .sum::<f64>()
     }
 
-    /// At most [`MAX_EDGES`] corners: the ones that cut off the least area go.
+    /// At most [`MAX_EDGES`] corners: the ones that cut off the least area go. So do those that cut
+    /// off next to nothing: rounded to f32, an edge so short would point anywhere.
     fn bounded(mut self) -> [Vec2; MAX_EDGES] {
-        while self.0.len() > MAX_EDGES {
+        let least = 2.0 * SLIVER * self.area();
+        while self.0.len() > 3 {
             let n = self.0.len();
             let cut = |k: usize| {
                 let (a, b, c) = (self.0[(k + n - 1) % n], self.0[k], self.0[(k + 1) % n]);
                 (b - a).perp_dot(c - b)
             };
-            let least = (0..n)
-                .min_by(|&a, &b| cut(a).total_cmp(&cut(b)))
-                .unwrap_or(0);
-            self.0.remove(least);
+            let (k, area) = (0..n)
+                .map(|k| (k, cut(k)))
+                .min_by(|a, b| a.1.total_cmp(&b.1))
+                .unwrap_or_default();
+            if n <= MAX_EDGES && area > least {
+                break;
+            }
+            self.0.remove(k);
         }
         let last = self.0[self.0.len() - 1];
         std::array::from_fn(|k| self.0.get(k).copied().unwrap_or(last).as_vec2())

@@ -10,7 +10,9 @@ use rayon::prelude::*;
 use super::cells::{Cell, Neighbour};
 use super::{Cells, PointCloud};
 use crate::error::{Error, Result};
+use crate::memory;
 use crate::progress::Progress;
+use crate::scene::LARGEST;
 use crate::visibility::Segment;
 
 /// The points that take part in the transport.
@@ -63,6 +65,7 @@ impl Surfels {
         if cloud.is_empty() {
             return Err(Error::Invalid("the cloud has no points".into()));
         }
+        memory::check_points(cloud.len() as u64)?;
         if cloud.normals.is_empty() {
             return Err(Error::Invalid(
                 "the cloud has no normals (properties nx, ny, nz): estimate them first, for \
@@ -114,7 +117,8 @@ impl Surfels {
                         progress.advance(4096);
                     }
                     neighbours(i, near);
-                    Cell::new(self.normals[i].as_dvec3(), near, rule.crease)
+                    let size = f64::from(self.areas[i]).max(0.0).sqrt();
+                    Cell::new(self.normals[i].as_dvec3(), near, rule.crease, size)
                 },
             )
             .collect();
@@ -231,9 +235,10 @@ fn noise(surfels: &Surfels, neighbours: impl Fn(usize, &mut Vec<Neighbour>) + Sy
 
 /// Usable points as surfels without cells, one a place and side; unknown areas are 0.
 fn select(cloud: &PointCloud, repairs: &mut Vec<String>) -> Result<(Surfels, Vec<Option<u32>>)> {
+    let placed = |p: DVec3| p.abs().max_element() <= LARGEST;
     let usable = |i: usize| {
         let length = cloud.normals[i].length();
-        cloud.positions[i].is_finite() && length.is_finite() && length > 0.0
+        placed(cloud.positions[i]) && length.is_finite() && length > 0.0
     };
     let (low, high) = (0..cloud.len())
         .filter(|&i| usable(i))
@@ -250,7 +255,7 @@ fn select(cloud: &PointCloud, repairs: &mut Vec<String>) -> Result<(Surfels, Vec
     let (mut positions_left_out, mut normals_left_out, mut merged) = (0, 0, 0);
     for i in 0..cloud.len() {
         if !usable(i) {
-            if cloud.positions[i].is_finite() {
+            if placed(cloud.positions[i]) {
                 normals_left_out += 1;
             } else {
                 positions_left_out += 1;
@@ -287,7 +292,7 @@ fn select(cloud: &PointCloud, repairs: &mut Vec<String>) -> Result<(Surfels, Vec
     for (count, what) in [
         (
             positions_left_out,
-            "points with coordinates that are not finite: left out, no light",
+            "points with coordinates that are not finite or beyond 1e12: left out, no light",
         ),
         (
             normals_left_out,

@@ -18,8 +18,6 @@ use crate::scan;
 
 /// Points on built-in shapes when nobody says how many.
 const DEFAULT_POINTS: usize = 20_000;
-/// Bytes that a sampled point takes while a scene is made.
-const BYTES_PER_POINT: u64 = 160;
 /// No scene file is longer; a scan under the wrong name is.
 const LONGEST_FILE: u64 = 16 << 20;
 
@@ -148,23 +146,8 @@ fn in_words(error: &toml::de::Error) -> String {
 
 /// Refuses a number of points before anything is allocated for it.
 fn check_size(path: &Path, count: usize) -> Result<()> {
-    let path = path.display();
-    if count >= u32::MAX as usize {
-        return Err(Error::TooLarge(format!(
-            "{path}: {count} points: a cloud has fewer than {}",
-            u32::MAX
-        )));
-    }
-    let needed = count as u64 * BYTES_PER_POINT;
-    match memory::available() {
-        Some(available) if needed > available => Err(Error::TooLarge(format!(
-            "{path}: {count} points need about {} MiB of memory, but only {} MiB are free; ask for \
-             fewer points",
-            needed >> 20,
-            available >> 20
-        ))),
-        _ => Ok(()),
-    }
+    memory::check_points(count as u64)
+        .map_err(|error| Error::TooLarge(format!("{}: {error}", path.display())))
 }
 
 /// Where the scan of a table is.

@@ -26,6 +26,18 @@ pub fn gpu() -> &'static Gpu {
     })
 }
 
+/// A device with lower limits than it could have.
+pub fn limited(required_limits: wgpu::Limits) -> Gpu {
+    let instance = wgpu::Instance::default();
+    let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
+    let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+        required_limits,
+        ..Default::default()
+    }))
+    .unwrap();
+    Gpu::new(&device, &queue)
+}
+
 pub fn random(seed: u64) -> Pcg64Mcg {
     Pcg64Mcg::seed_from_u64(seed)
 }

@@ -53,21 +53,15 @@ struct Piece {
 }
 
 impl Pieces {
-    /// The items of `parts`, which run one after the other, each of them in parallel. `work` tells
-    /// how many texels and vectors an item reads and writes.
-    pub fn new(gpu: &Gpu, parts: &[Range<u32>], work: impl Fn(u32) -> usize) -> Result<Pieces> {
-        let mut cut: Vec<(Range<u32>, usize)> = Vec::new();
-        for part in parts {
-            let mut sum = 0;
-            let mut first = part.start;
-            for i in part.clone() {
-                sum += work(i);
-                if sum >= PIECE || i + 1 == part.end {
-                    cut.push((first..i + 1, sum));
-                    (first, sum) = (i + 1, 0);
-                }
-            }
-        }
+    /// Items that do not need each other. `work` tells how many texels and vectors an item reads
+    /// and writes.
+    pub fn new(gpu: &Gpu, items: u32, work: impl Fn(u32) -> usize) -> Result<Pieces> {
+        Pieces::in_turn(gpu, std::slice::from_ref(&(0..items)), work)
+    }
+
+    /// The same in parts, each of which needs those before it.
+    pub fn in_turn(gpu: &Gpu, parts: &[Range<u32>], work: impl Fn(u32) -> usize) -> Result<Pieces> {
+        let cut = cut(parts, work);
         let stride = gpu.device.limits().min_uniform_buffer_offset_alignment as usize;
         let mut ranges = vec![0u32; cut.len().max(1) * stride / size_of::<u32>()];
         for (at, (range, _)) in ranges.chunks_mut(stride / size_of::<u32>()).zip(&cut) {
@@ -95,6 +89,22 @@ impl Pieces {
     }
 }
 
+/// Cuts parts into pieces of about [`PIECE`] work; returns them with their work.
+fn cut(parts: &[Range<u32>], work: impl Fn(u32) -> usize) -> Vec<(Range<u32>, usize)> {
+    let mut pieces = Vec::new();
+    for part in parts {
+        let (mut first, mut sum) = (part.start, 0);
+        for i in part.clone() {
+            sum += work(i);
+            if sum >= PIECE || i + 1 == part.end {
+                pieces.push((first..i + 1, sum));
+                (first, sum) = (i + 1, 0);
+            }
+        }
+    }
+    pieces
+}
+
 impl Batches {
     pub fn new(gpu: &Gpu) -> Result<Batches> {
         Ok(Batches {
@@ -113,7 +123,7 @@ impl Batches {
         what: &'static str,
         record: impl FnOnce(&mut Batch) -> Result<()>,
     ) -> Result<()> {
-        self.gpu.watch(what, || {
+        self.watch(what, || {
             let mut batch = self.begin();
             record(&mut batch)?;
             batch.submit();
@@ -134,7 +144,7 @@ impl Batches {
         let staging = self
             .gpu
             .staging("result and reports", bytes + size_of::<u32>())?;
-        self.gpu.watch(what, || {
+        self.watch(what, || {
             let mut batch = self.begin();
             record(&mut batch)?;
             let encoder = &mut batch.encoder;
@@ -142,9 +152,7 @@ impl Batches {
                 encoder.copy_buffer_to_buffer(result, 0, &staging, 0, bytes as u64);
             }
             encoder.copy_buffer_to_buffer(&self.reports, 0, &staging, bytes as u64, 4);
-            let Batch {
-                mut state, encoder, ..
-            } = batch;
+            let Batch { state, encoder, .. } = batch;
             let words = (bytes + size_of::<u32>()) / size_of::<u32>();
             let read = |words: &[u32]| {
                 let (reports, result) = words.split_last().unwrap_or((&0, &[]));
@@ -154,8 +162,6 @@ impl Batches {
                 .gpu
                 .run_and_read(what, encoder, &staging, words, read)?;
             let missing = state.dispatched.wrapping_sub(reports);
-            // What comes after is judged for itself.
-            state.dispatched = reports;
             if missing != 0 {
                 return Err(Error::Device(format!(
                     "{what}: {missing} workgroups did not report; the driver may have given up on \
@@ -176,10 +182,25 @@ impl Batches {
             .map(|_| ())
     }
 
+    /// Turns errors of the device into ours; what comes after a failure is judged for itself.
+    fn watch<T>(&self, what: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        self.gpu.watch(what, work).inspect_err(|_| {
+            let _ = self.gpu.watch(what, || {
+                self.lock().dispatched = 0;
+                self.gpu.queue.write_buffer(&self.reports, 0, &[0; 4]);
+                Ok(())
+            });
+        })
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn begin(&self) -> Batch<'_> {
         Batch {
             batches: self,
-            state: self.state.lock().unwrap_or_else(PoisonError::into_inner),
+            state: self.lock(),
             encoder: self.gpu.device.create_command_encoder(&Default::default()),
             work: 0,
         }
@@ -239,5 +260,33 @@ impl Batch<'_> {
 
     fn submit(self) {
         self.batches.gpu.queue.submit([self.encoder.finish()]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pieces_cover_all_items_in_order() {
+        let parts = [0..1, 1..1000, 1000..1000, 1000..1007];
+        let work = |i: u32| if i < 500 { PIECE / 100 } else { 3 * PIECE };
+        let pieces = cut(&parts, work);
+        let items: Vec<u32> = pieces.iter().flat_map(|(range, _)| range.clone()).collect();
+        assert!(items.into_iter().eq(0..1007));
+        for (range, sum) in &pieces {
+            assert_eq!(*sum, range.clone().map(work).sum::<usize>());
+            // The last item fills the piece.
+            let others = range.start..range.end - 1;
+            assert!(others.map(work).sum::<usize>() < PIECE);
+            assert!(
+                parts
+                    .iter()
+                    .any(|p| p.start <= range.start && range.end <= p.end)
+            );
+        }
+        // The first part; small items by the hundred, the last of which take a large one along;
+        // large ones alone.
+        assert_eq!(pieces.len(), 1 + 5 + 499 + 7);
     }
 }

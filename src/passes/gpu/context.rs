@@ -64,9 +64,9 @@ impl Gpu {
         let most = self.most_bound(1);
         if bytes > most {
             return Err(Error::TooLarge(format!(
-                "{what}: {} MiB do not fit into a buffer of this device, which holds {} MiB",
-                bytes >> 20,
-                most >> 20
+                "{what}: {:.1} MiB do not fit into a buffer of this device, which holds {:.1} MiB",
+                mib(bytes),
+                mib(most)
             )));
         }
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST;
@@ -144,4 +144,8 @@ impl Gpu {
             Err(_) => Err(Error::Device(format!("{what}: the device was lost"))),
         }
     }
+}
+
+pub(super) fn mib(bytes: usize) -> f64 {
+    bytes as f64 / f64::from(1 << 20)
 }

@@ -74,7 +74,7 @@ impl GpuFormFactors {
             self.gpu
                 .queue
                 .write_buffer(input, 0, bytemuck::cast_slice(&words));
-            let pieces = Pieces::new(&self.gpu, &[0..pairs.len() as u32], |_| WORK)?;
+            let pieces = Pieces::new(&self.gpu, pairs.len() as u32, |_| WORK)?;
             let resources = [
                 self.cells.binding(),
                 input.as_entire_binding(),

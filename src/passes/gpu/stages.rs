@@ -134,7 +134,7 @@ impl Lists {
         Ok(Lists {
             rows: gpu.table(what, &rows)?,
             links: gpu.table(what, texels)?,
-            pieces: Pieces::new(gpu, &[0..targets as u32], |k| work(order[k as usize]))?,
+            pieces: Pieces::new(gpu, targets as u32, |k| work(order[k as usize]))?,
         })
     }
 }
@@ -178,9 +178,9 @@ impl Stages {
             l2l: Pipeline::new(gpu, &L2L)?,
             l2p: Pipeline::new(gpu, &L2P)?,
             near_field: Pipeline::new(gpu, &NEAR_FIELD)?,
-            all_facets: Pieces::new(gpu, &[0..n as u32], expansion)?,
-            upward: Pieces::new(gpu, &from_below, expansion)?,
-            downward: Pieces::new(gpu, &levels[1..], expansion)?,
+            all_facets: Pieces::new(gpu, n as u32, expansion)?,
+            upward: Pieces::in_turn(gpu, &from_below, expansion)?,
+            downward: Pieces::in_turn(gpu, &levels[1..], expansion)?,
         })
     }
 

@@ -7,6 +7,7 @@ use wgpu::TextureUsages;
 use crate::error::{Error, Result};
 
 use super::Gpu;
+use super::context::mib;
 
 /// Texels a row of a table. Every device has textures so wide, and a power of two divides fast.
 pub const TABLE_WIDTH: u32 = 8192;
@@ -93,9 +94,9 @@ impl Gpu {
         let most = self.device.limits().max_texture_dimension_2d as usize;
         if rows > most {
             return Err(Error::TooLarge(format!(
-                "{what}: {} MiB do not fit into a table of this device, which holds {} MiB",
-                (texels * TEXEL) >> 20,
-                (ROW * most) >> 20
+                "{what}: {:.1} MiB do not fit into a table of this device, which holds {:.1} MiB",
+                mib(texels * TEXEL),
+                mib(ROW * most)
             )));
         }
         self.watch(what, || {

@@ -1,0 +1,143 @@
+//! The stages on the CPU in f32 and on the adapter found: `cargo bench --bench stages`.
+
+use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
+use fmmgi_gpu::expansion::Surface;
+use fmmgi_gpu::links::{self, Accuracy, Links};
+use fmmgi_gpu::octree::Octree;
+use fmmgi_gpu::operator::{Fields, Fmm, GpuFmm, TransportOperator};
+use fmmgi_gpu::passes::gpu::{Gpu, GpuFormFactors, GpuVisibility, adapter};
+use fmmgi_gpu::progress::Silent;
+use fmmgi_gpu::scene::SceneOptions;
+use fmmgi_gpu::visibility::{CpuVisibility, Occluders, Segment, Visibility};
+use fmmgi_gpu::{Scene, Surfels};
+use glam::DVec3;
+
+/// Pairs of surfels that are tested in one batch.
+const PAIRS: usize = 100_000;
+
+/// The scene "cave" with the links of the default tolerance.
+struct Case {
+    surfels: Surfels,
+    octree: Octree,
+    links: Links,
+    occluders: Occluders,
+    pairs: Vec<(u32, u32)>,
+}
+
+impl Case {
+    fn new() -> Case {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cave.toml");
+        let options = SceneOptions {
+            points: Some(30_000),
+            seed: 1,
+        };
+        let scene = Scene::load(path.as_ref(), &options, &Silent).unwrap();
+        let prepared = Surfels::prepare(&scene.cloud, &Silent).unwrap();
+        let (octree, surfels) = Octree::build(&prepared.surfels);
+        let occluders = Occluders::build(&surfels);
+        let facets = octree.facets.len();
+        let accuracy = Accuracy {
+            error: 0.03,
+            radiosity: vec![1.0; facets],
+            target_factor: vec![1.0; facets],
+            seed: 1,
+        };
+        let visibility = CpuVisibility::<f32>::new(&occluders);
+        let links = links::build(&surfels, &octree, &accuracy, &visibility, &Silent).unwrap();
+        // Of a receiver to surfels all over the cave, then the next.
+        let n = surfels.len();
+        let pairs = (0..PAIRS)
+            .map(|k| ((k / 16 * 7 % n) as u32, (k * 7919 % n) as u32))
+            .collect();
+        println!("{n} surfels, links {:?}", links.counts());
+        Case {
+            surfels,
+            octree,
+            links,
+            occluders,
+            pairs,
+        }
+    }
+
+    fn segments(&self) -> Vec<Segment> {
+        let segment = |&(i, j): &(u32, u32)| self.surfels.segment(i as usize, j as usize);
+        self.pairs.iter().map(segment).collect()
+    }
+}
+
+fn stages(criterion: &mut Criterion) {
+    let case = Case::new();
+    let gpu = match adapter::open(&adapter::AdapterChoice::Any) {
+        Ok(open) => {
+            println!("adapter {}", open.info);
+            Some(Gpu::new(&open.device, &open.queue))
+        }
+        Err(error) => {
+            println!("the CPU alone is measured: {error}");
+            None
+        }
+    };
+
+    let mut group = criterion.benchmark_group("visibility");
+    group.throughput(Throughput::Elements(PAIRS as u64));
+    let segments = case.segments();
+    let cpu = CpuVisibility::<f32>::new(&case.occluders);
+    group.bench_function("cpu", |b| b.iter(|| cpu.visible(&segments).unwrap()));
+    if let Some(gpu) = &gpu {
+        let device = GpuVisibility::new(gpu, &case.occluders).unwrap();
+        group.bench_function("gpu", |b| b.iter(|| device.visible(&segments).unwrap()));
+    }
+    group.finish();
+
+    let mut group = criterion.benchmark_group("form factors");
+    group.throughput(Throughput::Elements(PAIRS as u64));
+    let near: Vec<(u32, u32)> = near_pairs(&case);
+    let surface = Surface::<f32>::new(&case.surfels);
+    group.bench_function("cpu, one thread", |b| {
+        b.iter(|| {
+            let sum = |&(i, j): &(u32, u32)| surface.form_factor(i as usize, j as usize);
+            near.iter().map(sum).sum::<f32>()
+        })
+    });
+    if let Some(gpu) = &gpu {
+        let device = GpuFormFactors::new(gpu, &case.surfels).unwrap();
+        group.bench_function("gpu", |b| b.iter(|| device.compute(&near).unwrap()));
+    }
+    group.finish();
+
+    let mut group = criterion.benchmark_group("apply");
+    group.sample_size(20);
+    apply(
+        &mut group,
+        "cpu",
+        &Fmm::<f32>::new(&case.surfels, &case.octree, &case.links),
+        &case,
+    );
+    if let Some(gpu) = &gpu {
+        let device = GpuFmm::new(gpu, &case.surfels, &case.octree, &case.links).unwrap();
+        apply(&mut group, "gpu", &device, &case);
+    }
+    group.finish();
+}
+
+/// Pairs of surfels beside each other in the octree.
+fn near_pairs(case: &Case) -> Vec<(u32, u32)> {
+    let n = case.surfels.len();
+    (0..PAIRS)
+        .map(|k| ((k / 8 % n) as u32, ((k / 8 + k % 8 + 1) % n) as u32))
+        .collect()
+}
+
+fn apply<O: TransportOperator>(
+    group: &mut BenchmarkGroup<criterion::measurement::WallTime>,
+    name: &str,
+    operator: &O,
+    case: &Case,
+) {
+    let ones = vec![DVec3::ONE; case.surfels.len()];
+    let radiosity = operator.fields().upload(&ones).unwrap();
+    group.bench_function(name, |b| b.iter(|| operator.apply(&radiosity).unwrap()));
+}
+
+criterion_group!(benches, stages);
+criterion_main!(benches);
