@@ -76,6 +76,7 @@ impl Case {
             far: rows(facets.len(), &apart),
             sampled: rows(facets.len(), &|_, _| true),
             near: rows(surfels.len(), &|_, _| true),
+            smooth: 0,
         };
         Case {
             name,
@@ -119,6 +120,7 @@ fn cases() -> Vec<Case> {
                 far: none(facets),
                 sampled: none(facets),
                 near: none(unlinked.surfels.len()),
+                smooth: 0,
             },
             ..unlinked
         },
