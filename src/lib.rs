@@ -61,7 +61,6 @@
 //! H_i = Σ_j A_j B_j max(0, cos_i) max(0, cos_j) V_ij / (π r²), where V_ij says whether i and j see
 //! each other; a point light of intensity I gives I cos / r², a uniform sky an open plane its value.
 //! A surfel shines and reflects to the side of its normal only, and blocks light from both sides.
-#![warn(missing_docs)]
 
 // The whole job.
 pub mod illuminate;
