@@ -22,6 +22,7 @@ const SAME_PLACE: f64 = 2.0 * f32::EPSILON as f64;
 /// in the dark would count for any noise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Comparison {
+    /// Points compared.
     pub points: usize,
     /// sqrt(Σ|a - b|² / Σ|b|²)
     pub rel_l2: f64,

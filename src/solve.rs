@@ -25,6 +25,7 @@ pub struct Ended {
     pub iterations: u32,
     /// |ρH₀ - (I - ρF) R| / |ρH₀|; after a number of bounces the size of the last one instead.
     pub residual: f64,
+    /// Whether the residual asked for was reached.
     pub converged: bool,
 }
 

@@ -13,6 +13,7 @@ pub struct Seconds {
     pub load: f64,
     /// Neighbours, cells, duplicates.
     pub prepare: f64,
+    /// Sorting the surfels into facets, and their cells for tests.
     pub octree: f64,
     /// Finding links, without their segments.
     pub links: f64,
@@ -20,14 +21,18 @@ pub struct Seconds {
     pub visibility: f64,
     /// Applying the operator until convergence.
     pub solve: f64,
+    /// Writing the files.
     pub write: f64,
+    /// From start to end.
     pub total: f64,
 }
 
 /// Row sums of the operator before any clamp: at most 1 for a true form-factor matrix.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct RowSum {
+    /// Largest of all surfels.
     pub max: f64,
+    /// Mean of all surfels.
     pub mean: f64,
 }
 
@@ -38,23 +43,29 @@ pub struct Stats {
     pub points: usize,
     /// Points that take part in the transport.
     pub surfels: usize,
+    /// The method that was used, never `Auto`.
     pub method: Method,
     /// "cpu" or "gpu".
     pub backend: String,
     /// Name of the GPU adapter, if one was used.
     pub adapter: Option<String>,
+    /// Relative error that was asked for.
     pub tolerance: f64,
     /// Applications of the operator by the solver.
     pub iterations: u32,
     /// Relative L2 residual of the radiosity equation at the end.
     pub residual: f64,
+    /// Whether the residual is as small as the tolerance needs.
     pub converged: bool,
+    /// Time by stage.
     pub seconds: Seconds,
     /// Number of links by kind.
     pub links: BTreeMap<String, u64>,
     /// Segments tested for visibility.
     pub segments: u64,
+    /// Most memory of the process, where the system tells.
     pub peak_memory_bytes: Option<u64>,
+    /// The part of its surroundings that a surfel sees: 1 in a closed room.
     pub row_sum: RowSum,
     /// What was repaired or left out, in words with counts.
     pub repairs: Vec<String>,

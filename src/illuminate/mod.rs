@@ -45,23 +45,28 @@ pub enum Occlusion {
 }
 
 /// What is asked for.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Options {
+    /// How the operator is applied.
     pub method: Method,
+    /// What blocks light.
     pub occlusion: Occlusion,
     /// Relative error asked for; `None` takes the scene's, or 0.03.
     pub tolerance: Option<f64>,
     /// Bounces to follow; `None` goes on until the solution stands.
     pub max_bounces: Option<u32>,
+    /// Seed of all samples: the same seed gives the same bits.
     pub seed: u64,
 }
 
 /// The map and what it took.
 #[derive(Clone, Debug, Default)]
 pub struct Illumination {
+    /// Light at every point.
     pub map: IlluminationMap,
     /// The surfels that the points stood for, in the order of the octree.
     pub surfels: Surfels,
+    /// What it took and how well it went.
     pub stats: Stats,
 }
 
@@ -71,8 +76,12 @@ pub enum Backend<'a> {
     Cpu,
     /// WGSL on a device that the caller made.
     Gpu {
+        /// Large clouds need the buffer limits (`max_buffer_size` and
+        /// `max_storage_buffer_binding_size`) that the adapter offers, not the default ones.
         device: &'a wgpu::Device,
+        /// The device's queue.
         queue: &'a wgpu::Queue,
+        /// Its name, for the stats.
         adapter: &'a str,
     },
 }

@@ -30,6 +30,7 @@ pub struct Accuracy {
     pub radiosity: Vec<f32>,
     /// A facet: factor on `error` for links that end there (dark places need more care).
     pub target_factor: Vec<f32>,
+    /// Seed of the segments that are drawn.
     pub seed: u64,
 }
 

@@ -6,8 +6,11 @@ use rayon::prelude::*;
 /// `offsets[t]..offsets[t + 1]` of `sources` and `weights`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rows {
+    /// Where each target's entries begin, and the number of entries at the end.
     pub offsets: Vec<u32>,
+    /// The source of each entry.
     pub sources: Vec<u32>,
+    /// The weight of each entry.
     pub weights: Vec<f32>,
 }
 

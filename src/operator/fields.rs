@@ -10,10 +10,14 @@ use crate::math::{Real, Vector};
 
 /// Arithmetic on fields. A solver needs no more than this.
 pub trait Fields {
+    /// One RGB value a surfel.
     type Field;
 
+    /// To the backend.
     fn upload(&self, values: &[DVec3]) -> Result<Self::Field>;
+    /// From the backend; waits until it is there.
     fn download(&self, field: &Self::Field) -> Result<Vec<DVec3>>;
+    /// The same values once more.
     fn copy(&self, field: &Self::Field) -> Result<Self::Field>;
     /// y += a x
     fn axpy(&self, a: f64, x: &Self::Field, y: &mut Self::Field) -> Result<()>;

@@ -21,6 +21,7 @@ pub trait TransportOperator {
     /// Where its fields live and how to calculate with them.
     type Fields: Fields;
 
+    /// Arithmetic on the fields that it applies to.
     fn fields(&self) -> &Self::Fields;
 
     /// Irradiance from radiosity.

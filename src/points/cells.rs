@@ -23,6 +23,7 @@ pub const MAX_EDGES: usize = 8;
 pub struct Cells {
     /// Unit vectors orthogonal to the surfel's normal.
     pub tangents: Vec<Vec3>,
+    /// Corners in the frame of tangent and bitangent, in the scan's unit.
     pub corners: Vec<[Vec2; MAX_EDGES]>,
 }
 

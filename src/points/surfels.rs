@@ -23,12 +23,17 @@ use crate::visibility::Segment;
 pub struct Surfels {
     /// Middle of the cloud (component-wise median), in the scan's coordinates.
     pub origin: DVec3,
+    /// Centres, relative to `origin`.
     pub positions: Vec<Vec3>,
+    /// Unit normals.
     pub normals: Vec<Vec3>,
     /// Areas in unit².
     pub areas: Vec<f32>,
+    /// Linear RGB in [0, 1].
     pub reflectance: Vec<Vec3>,
+    /// Linear RGB radiant exitance.
     pub emission: Vec<Vec3>,
+    /// The pieces of surface that the surfels stand for.
     pub cells: Cells,
     /// Distance above the surface at which segments start and end, a surfel (follows the noise).
     pub offsets: Vec<f32>,

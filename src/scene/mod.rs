@@ -28,8 +28,11 @@ pub struct PointLight {
 /// A pinhole camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
+    /// Where it stands, in the coordinates of the scan.
     pub position: DVec3,
+    /// A place in the middle of the picture.
     pub look_at: DVec3,
+    /// A direction that is upwards in the picture, of any length.
     pub up: DVec3,
     /// Vertical field of view in degrees.
     pub fov: f64,
@@ -38,7 +41,9 @@ pub struct Camera {
 /// Everything that a solve needs to know about the world.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
+    /// All points, of shapes and of scans.
     pub cloud: PointCloud,
+    /// Point lights.
     pub lights: Vec<PointLight>,
     /// Irradiance that an open plane gets from the uniform sky (linear RGB).
     pub sky: Vec3,

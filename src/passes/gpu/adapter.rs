@@ -11,9 +11,13 @@ use crate::error::{Error, Result};
 pub struct AdapterInfo {
     /// Its place in [`list`].
     pub index: usize,
+    /// As the driver tells it.
     pub name: String,
+    /// Discrete, integrated, virtual or software.
     pub device_type: DeviceType,
+    /// Name and version of the driver.
     pub driver: String,
+    /// Vulkan, Metal or Direct3D 12.
     pub backend: Backend,
 }
 
@@ -30,8 +34,11 @@ pub enum AdapterChoice {
 
 /// A device to work on.
 pub struct OpenDevice {
+    /// With buffers and textures as large as the adapter offers.
     pub device: wgpu::Device,
+    /// The device's queue.
     pub queue: wgpu::Queue,
+    /// The adapter that was opened.
     pub info: AdapterInfo,
 }
 

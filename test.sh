@@ -1,0 +1,56 @@
+#!/usr/bin/env bash
+# Everything that must hold: format, lints, tests, documentation examples, benches that compile.
+#
+# Tests of GPU code need an adapter. Where there is none, software Vulkan is installed (with apt,
+# as root or through sudo); where that is not possible, those tests fail and say what they need.
+set -euo pipefail
+cd "$(dirname "$0")"
+
+step() { printf '\n== %s\n' "$*"; }
+
+has_adapter() {
+    ! cargo run --release --quiet -- adapters | grep --quiet '^no adapter'
+}
+
+install_software_vulkan() {
+    local as_root=()
+    if [[ $(id -u) -ne 0 ]]; then
+        as_root=(sudo)
+    fi
+    command -v apt-get >/dev/null &&
+        "${as_root[@]}" apt-get update &&
+        "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+            apt-get install --yes --no-install-recommends mesa-vulkan-drivers libvulkan1
+}
+
+if cargo fmt --version >/dev/null 2>&1; then
+    step format
+    cargo fmt --check
+else
+    step "format: left out (rustup component add rustfmt)"
+fi
+
+if cargo clippy --version >/dev/null 2>&1; then
+    step lints
+    cargo clippy --release --all-targets -- -D warnings
+else
+    step "lints: left out (rustup component add clippy)"
+fi
+
+step adapter
+if ! has_adapter; then
+    echo "no GPU and no software Vulkan: installing mesa-vulkan-drivers and libvulkan1"
+    if ! install_software_vulkan; then
+        echo "that was not possible: install the driver of your GPU, or software Vulkan (lavapipe, a"
+        echo "part of Mesa), yourself. Until then the tests of GPU code will fail."
+    fi
+fi
+cargo run --release --quiet -- adapters
+
+step tests
+cargo test --release
+
+step benches
+cargo bench --no-run
+
+step "all passed in $((SECONDS / 60)) min $((SECONDS % 60)) s"
