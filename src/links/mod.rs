@@ -3,6 +3,7 @@
 mod build;
 mod csr;
 mod facing;
+mod judge;
 
 pub use build::{Accuracy, build};
 pub use csr::{Entry, Rows};

@@ -1,0 +1,311 @@
+//! What may become a link: bounds first, then samples.
+
+use glam::Vec3;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use super::{Accuracy, Facing};
+use crate::expansion::{Local, Moments, Surface};
+use crate::octree::{Facet, Octree};
+
+/// Expansions hold where both radii together are at most this part of the distance.
+const MAX_OPENING: f32 = 0.6;
+/// Error of a first-order expansion, in units of opening² times the irradiance.
+const TRUNCATION: f32 = 0.7;
+/// Links that can bring at most this part of the allowed error need no refinement.
+const NEGLIGIBLE: f32 = 0.5;
+/// Standard deviation that samples may show, as a part of the allowed error.
+const MAX_DEVIATION: f32 = 0.3;
+/// Segments a link: at least, and at most.
+const SAMPLES: [f32; 2] = [4.0, 32.0];
+/// Segments of a link that brings too little to matter.
+const NEGLIGIBLE_SAMPLES: usize = 2;
+/// Largest weight of a far link: more means that the samples missed where the expansion is small.
+const MAX_FRACTION: f32 = 2.0;
+
+/// Two facets, the first of which takes light from the second.
+#[derive(Clone, Copy)]
+pub(super) struct Pair {
+    pub target: u32,
+    pub source: u32,
+    /// Part of the whole work that it stands for.
+    pub share: f32,
+}
+
+/// Two surfels, with the form factor between them.
+#[derive(Clone, Copy)]
+pub(super) struct Sample {
+    pub target: u32,
+    pub source: u32,
+    pub weight: f32,
+}
+
+/// What is to be done with a pair of facets.
+pub(super) enum Verdict {
+    /// No light, or too little to count.
+    Drop,
+    /// Look at the children of the larger facet.
+    Split,
+    /// Both are leaves: the surfels' form factors.
+    Near(Vec<Sample>),
+    /// May become a link, if the samples agree.
+    Candidate(Candidate),
+}
+
+pub(super) struct Candidate {
+    pub samples: Vec<Sample>,
+    /// The samples are all pairs of surfels.
+    pub exhaustive: bool,
+    /// Too little light to matter: accepted whatever the samples say.
+    pub negligible: bool,
+    /// Samples drawn, with those that do not face each other.
+    pub drawn: usize,
+    /// Largest irradiance that the source can cause at the target.
+    pub bound: f32,
+    pub allowed: f32,
+    /// Both facets face each other entirely and an expansion is accurate enough.
+    pub smooth: bool,
+    /// A mean kernel is accurate enough, if the samples agree.
+    pub uniform: bool,
+}
+
+/// What the samples of a candidate say.
+pub(super) enum Outcome {
+    Drop,
+    Split,
+    Near,
+    /// Weight, and whether nothing was seen in the way.
+    Far(f32, bool),
+    Sampled(f32),
+}
+
+/// Judges pairs of facets.
+pub(super) struct Judge<'a> {
+    pub surface: &'a Surface<f32>,
+    pub octree: &'a Octree,
+    pub accuracy: &'a Accuracy,
+}
+
+impl Judge<'_> {
+    /// What the bounds say of a pair of facets, before any segment is tested.
+    pub fn classify(&self, pair: Pair) -> Verdict {
+        let (a, b) = self.facets(pair);
+        let radiosity = self.accuracy.radiosity[pair.source as usize];
+        let facing = Facing::between(a, b);
+        if radiosity <= 0.0 || facing.averted() {
+            return Verdict::Drop;
+        }
+        let allowed = self.accuracy.error * self.accuracy.target_factor[pair.target as usize];
+        let [cos_a, cos_b] = facing.cosines();
+        let solid_angle = b.area * cos_b / (facing.gap * facing.gap).max(f32::MIN_POSITIVE);
+        let form_factor = cos_a * (solid_angle / std::f32::consts::PI).min(1.0);
+        let bound = radiosity * form_factor;
+        let opening = (a.radius + b.radius) / facing.distance.max(f32::MIN_POSITIVE);
+        let apart = opening < MAX_OPENING;
+        let expandable = apart && !facing.near && TRUNCATION * opening * opening * bound <= allowed;
+        let uniform = apart && bound * opening.max(0.3) <= allowed;
+        let negligible = bound <= NEGLIGIBLE * allowed;
+
+        if negligible || expandable || (uniform && !facing.full()) {
+            let pairs = a.len() * b.len();
+            let wanted = if negligible {
+                NEGLIGIBLE_SAMPLES
+            } else {
+                (0.5 * bound / allowed).ceil().clamp(SAMPLES[0], SAMPLES[1]) as usize
+            };
+            let exhaustive = pairs <= wanted;
+            let drawn = wanted.min(pairs);
+            let samples = if exhaustive {
+                self.all_pairs(pair)
+            } else {
+                self.draw(pair, drawn, 0)
+            };
+            // Two samples of a negligible link cannot show that all face each other.
+            let all_face = facing.full() || !negligible && samples.iter().all(|s| s.weight > 0.0);
+            return Verdict::Candidate(Candidate {
+                exhaustive,
+                negligible,
+                drawn,
+                bound,
+                allowed,
+                smooth: expandable && all_face,
+                uniform: uniform || negligible,
+                samples,
+            });
+        }
+        if a.is_leaf() && b.is_leaf() {
+            return Verdict::Near(self.all_pairs(pair));
+        }
+        Verdict::Split
+    }
+
+    /// What the tested samples say of a candidate.
+    pub fn decide(&self, pair: Pair, c: &Candidate, visible: &[bool]) -> Outcome {
+        let none_face = c.samples.iter().all(|s| s.weight == 0.0);
+        if none_face && (c.negligible || c.exhaustive) {
+            return Outcome::Drop;
+        }
+        if c.smooth {
+            let seen = visible_weight(&c.samples, visible);
+            let fraction = seen / c.samples.iter().map(|s| s.weight).sum::<f32>();
+            let deviation = (fraction * (1.0 - fraction)).max(0.0).sqrt();
+            if c.negligible || c.bound * deviation <= MAX_DEVIATION * c.allowed {
+                return self.far(pair, &c.samples, visible);
+            }
+        } else if c.uniform {
+            let (mean, square) = c
+                .samples
+                .iter()
+                .zip(visible)
+                .filter(|&(_, &v)| v)
+                .fold((0.0, 0.0), |(m, q), (s, _)| {
+                    (m + s.weight, q + s.weight * s.weight)
+                });
+            let (mean, square) = (mean / c.drawn as f32, square / c.drawn as f32);
+            // One sample stands for as many times its own power as the facet has surfels.
+            let source = &self.octree.facets[pair.source as usize];
+            let power = source.len() as f32 * self.accuracy.radiosity[pair.source as usize];
+            let deviation = (square - mean * mean).max(0.0).sqrt() * power;
+            if c.negligible || deviation <= MAX_DEVIATION * c.allowed {
+                return Outcome::Sampled(self.kernel(pair, mean));
+            }
+        }
+        let (a, b) = self.facets(pair);
+        if a.is_leaf() && b.is_leaf() {
+            Outcome::Near
+        } else {
+            Outcome::Split
+        }
+    }
+
+    /// The weight of an accepted link, from fresh samples.
+    pub fn measure(
+        &self,
+        pair: Pair,
+        c: &Candidate,
+        accepted: Outcome,
+        samples: &[Sample],
+        visible: &[bool],
+    ) -> Outcome {
+        match accepted {
+            Outcome::Far(..) => self.far(pair, samples, visible),
+            Outcome::Sampled(_) => {
+                let mean = visible_weight(samples, visible) / c.drawn as f32;
+                Outcome::Sampled(self.kernel(pair, mean))
+            }
+            kept => kept,
+        }
+    }
+
+    /// A far link. Its weight is the light seen by the samples relative to what the expansions give
+    /// for the same samples. So the error of truncation, which has the same sign in most links and
+    /// adds up, is left in the noise of the samples, which has not.
+    fn far(&self, pair: Pair, samples: &[Sample], visible: &[bool]) -> Outcome {
+        let (a, b) = self.facets(pair);
+        let s = self.surface;
+        let way = a.centre - b.centre;
+        let distance = way.length();
+        let expanded: f32 = samples
+            .iter()
+            .map(|sample| {
+                let (i, j) = (sample.target as usize, sample.source as usize);
+                let mut moments = Moments::<f32>::default();
+                let place = (s.positions[j] - b.centre) / b.scale();
+                moments.add_surfel(Vec3::splat(s.areas[j]), s.normals[j], place);
+                let mut local = Local::default();
+                local.add_moments(
+                    &moments,
+                    way / distance,
+                    distance,
+                    b.scale() / distance,
+                    a.scale() / distance,
+                    1.0,
+                );
+                let place = (s.positions[i] - a.centre) / a.scale();
+                local.irradiance(s.normals[i], place).x
+            })
+            .sum();
+        let fraction = match expanded > 0.0 {
+            true => (visible_weight(samples, visible) / expanded).min(MAX_FRACTION),
+            false => 0.0,
+        };
+        let facing = samples.iter().filter(|s| s.weight > 0.0).count();
+        let smooth = visible.iter().filter(|&&v| v).count() == facing;
+        Outcome::Far(fraction, smooth)
+    }
+
+    /// Kernel that acts on the source's power, from the mean weight of one pair of surfels.
+    fn kernel(&self, pair: Pair, mean: f32) -> f32 {
+        let source = &self.octree.facets[pair.source as usize];
+        mean / source.mean_area()
+    }
+
+    /// Draws pairs of surfels, spread over both facets.
+    pub fn draw(&self, pair: Pair, count: usize, round: u64) -> Vec<Sample> {
+        const GOLDEN: f32 = 0.618_034;
+        let (a, b) = self.facets(pair);
+        let key = u64::from(pair.target) << 32 | u64::from(pair.source);
+        let seed = self.accuracy.seed.wrapping_mul(2).wrapping_add(round);
+        let stream = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15); // spreads small numbers over all bits
+        let mut random = Pcg64Mcg::seed_from_u64(key ^ stream);
+        let shift: f32 = random.random();
+        let at = |part: f32, facet: &Facet| {
+            let n = facet.len();
+            facet.begin as usize + ((part * n as f32) as usize).min(n - 1)
+        };
+        (0..count)
+            .map(|q| {
+                let q = q as f32;
+                let u = (q + random.random::<f32>()) / count as f32;
+                let v = (q * GOLDEN + shift + random.random::<f32>() / count as f32).fract();
+                let (i, j) = (at(u, a), at(v, b));
+                Sample {
+                    target: i as u32,
+                    source: j as u32,
+                    weight: self.surface.form_factor(i, j),
+                }
+            })
+            .collect()
+    }
+
+    /// All pairs of surfels.
+    pub fn all_pairs(&self, pair: Pair) -> Vec<Sample> {
+        let (a, b) = self.facets(pair);
+        a.surfels()
+            .flat_map(|i| b.surfels().map(move |j| (i, j)))
+            .map(|(i, j)| Sample {
+                target: i as u32,
+                source: j as u32,
+                weight: self.surface.form_factor(i, j),
+            })
+            .collect()
+    }
+
+    pub fn facets(&self, pair: Pair) -> (&Facet, &Facet) {
+        let facets = &self.octree.facets;
+        (&facets[pair.target as usize], &facets[pair.source as usize])
+    }
+}
+
+impl Candidate {
+    /// Was it the samples that decided? Then they must not measure the link as well.
+    pub fn selected(&self) -> bool {
+        !self.exhaustive && !self.negligible
+    }
+}
+
+impl Verdict {
+    pub fn samples(&self) -> &[Sample] {
+        match self {
+            Verdict::Near(samples) => samples,
+            Verdict::Candidate(c) => &c.samples,
+            Verdict::Drop | Verdict::Split => &[],
+        }
+    }
+}
+
+/// Sum of the weights of the visible samples.
+fn visible_weight(samples: &[Sample], visible: &[bool]) -> f32 {
+    let seen = samples.iter().zip(visible).filter(|&(_, &v)| v);
+    seen.map(|(s, _)| s.weight).sum()
+}
