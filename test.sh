@@ -32,7 +32,8 @@ fi
 
 if cargo clippy --version >/dev/null 2>&1; then
     step lints
-    cargo clippy --release --all-targets -- -D warnings
+    # Another version of clippy may warn of more: that fails in continuous integration only.
+    cargo clippy --release --all-targets -- ${CI:+-D warnings}
 else
     step "lints: left out (rustup component add clippy)"
 fi
