@@ -5,7 +5,7 @@ mod work;
 
 use std::time::Instant;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use serde::Serialize;
 
 use self::task::Task;
@@ -218,7 +218,7 @@ fn check(scene: &Scene, tolerance: f64) -> Result<()> {
     }
     let shines = |rgb: Vec3| rgb.cmpge(Vec3::ZERO).all() && rgb.cmple(Vec3::splat(BRIGHTEST)).all();
     for (k, light) in scene.lights.iter().enumerate() {
-        if !(light.position.abs().max_element() <= LARGEST && shines(light.intensity)) {
+        if !(light.position.abs().cmple(DVec3::splat(LARGEST)).all() && shines(light.intensity)) {
             return invalid(format!(
                 "light {k} at {} with intensity {}: numbers must be finite, intensities not \
                  negative",
