@@ -97,6 +97,7 @@ pub mod error;
 pub mod math;
 pub mod memory;
 pub mod progress;
+mod random;
 
 pub use error::{Error, Result};
 pub use illuminate::{Backend, Illumination, Method, Occlusion, Options, illuminate};

@@ -41,13 +41,15 @@ pub fn available() -> Option<u64> {
 /// to 3,300 (a cave).
 const BYTES_A_POINT: u64 = 1200;
 
+/// Three of the 32 bits of an occluder's number hold the size of its leaf.
+const MOST_POINTS: u64 = (1 << 29) - 1;
+
 /// Refuses a number of points that cannot be lit in the memory that is free, before anything is
 /// allocated for them.
 pub fn check_points(count: u64) -> Result<()> {
-    if count >= u64::from(u32::MAX) {
+    if count > MOST_POINTS {
         return Err(Error::TooLarge(format!(
-            "{count} points: a cloud has fewer than {}",
-            u32::MAX
+            "{count} points: no more than {MOST_POINTS} can be numbered"
         )));
     }
     let needed = count * BYTES_A_POINT;

@@ -33,6 +33,8 @@ pub struct Ended {
 /// 5 to 9 steps (reflectance 0.5 to 0.99).
 const KRYLOV: usize = 30;
 
+/// Bounces as faint as this, relative to the first, are the last.
+const FADED: f64 = 1e-8;
 /// Parts of a unit vector as small as this are rounding.
 const BREAKDOWN: f64 = 1e-14;
 
@@ -99,6 +101,7 @@ fn series<O: TransportOperator>(
     let fields = operator.fields();
     let mut sum = fields.copy(source)?;
     let mut term = fields.copy(source)?;
+    let mut iterations = 0;
     if bounces == 0 {
         fields.scale(0.0, &mut sum)?;
     }
@@ -108,10 +111,14 @@ fn series<O: TransportOperator>(
         term = reflect(operator, reflectance, &term)?;
         fields.axpy(1.0, &term, &mut sum)?;
         progress.advance(1);
+        iterations += 1;
+        if fields.dot(&term, &term)?.sqrt() <= FADED * norm {
+            break;
+        }
     }
     // The part asked for is exact: what would come after is not counted as missing.
     let ended = Ended {
-        iterations: bounces.saturating_sub(1),
+        iterations,
         residual: fields.dot(&term, &term)?.sqrt() / norm,
         converged: true,
     };

@@ -66,7 +66,7 @@ pub struct Stats {
     /// Most memory of the process, where the system tells.
     pub peak_memory_bytes: Option<u64>,
     /// The part of its surroundings that a surfel sees: 1 in a closed room.
-    pub row_sum: RowSum,
+    pub row_sum: Option<RowSum>,
     /// What was repaired or left out, in words with counts.
     pub repairs: Vec<String>,
 }

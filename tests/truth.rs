@@ -2,9 +2,15 @@
 
 use std::path::Path;
 
+use fmmgi_gpu::links::{self, Accuracy};
+use fmmgi_gpu::octree::Octree;
+use fmmgi_gpu::operator::{Direct, Fmm, TransportOperator};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
-use fmmgi_gpu::{Backend, Illumination, Method, Occlusion, Options, Scene, illuminate};
+use fmmgi_gpu::visibility::{CpuVisibility, Occluders};
+use fmmgi_gpu::{
+    Backend, Illumination, Method, Occlusion, Options, Scene, Surfels, illuminate, lights,
+};
 use glam::{DVec2, DVec3, Vec3};
 
 fn scene(name: &str, points: usize) -> Scene {
@@ -63,6 +69,113 @@ fn furnace_by_exact_sums() {
 #[test]
 fn furnace_by_links() {
     assert!(furnace_p95(20_000, Method::Fmm) < 0.01);
+}
+
+/// Errors of row sums grow by 1 / (1 - reflectance) until the light has faded.
+#[test]
+fn bright_furnaces() {
+    for (reflectance, direct, links) in [(0.9_f32, 0.01, 0.03), (0.98, 0.05, 0.1)] {
+        let mut scene = scene("furnace", 3000);
+        scene.cloud.reflectance.fill(Vec3::splat(reflectance));
+        for (method, bound) in [(Method::Direct, direct), (Method::Fmm, links)] {
+            let map = solve(&scene, method, None).map;
+            let truth = 1.0 / (1.0 - reflectance);
+            let errors = map.radiosity.iter();
+            let errors = errors
+                .map(|b| f64::from((b.x / truth - 1.0).abs()))
+                .collect();
+            let p95 = percentile(errors, 0.95);
+            println!("furnace of reflectance {reflectance}, {method:?}: p95 error {p95:.4}");
+            assert!(p95 < bound);
+        }
+    }
+}
+
+/// Where nothing is absorbed there is no solution; what is written is light all the same.
+#[test]
+fn a_white_room_is_not_called_solved() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("white.toml");
+    let text = "points = 3000\n[[shape]]\nbox = { centre = [0, 0, 0], size = [1, 1, 1], inward = \
+                true }\nreflectance = 1\nemission = 1\n";
+    std::fs::write(&path, text).unwrap();
+    let scene = Scene::load(&path, &SceneOptions::default(), &Silent).unwrap();
+    let options = Options {
+        method: Method::Fmm,
+        ..Options::default()
+    };
+    let result = illuminate(&scene, &options, Backend::Cpu, &Silent).unwrap();
+    assert!(!result.stats.converged);
+    assert!(result.map.irradiance.iter().all(|h| h.x > 1.0));
+}
+
+/// Every direction ends on a surface or in the sky: row sum + visible sky = 1, both measured.
+#[test]
+fn surroundings_and_sky_are_everything() {
+    let scene = scene("cornell", 4000);
+    let prepared = Surfels::prepare(&scene.cloud, &Silent).unwrap();
+    let occluders = Occluders::build(&prepared.surfels);
+    let visibility = CpuVisibility::<f64>::new(&occluders);
+    let operator = Direct::new(&prepared.surfels, &visibility, &Silent).unwrap();
+    let rows = operator
+        .apply(&vec![DVec3::ONE; prepared.surfels.len()])
+        .unwrap();
+    let sky = lights::sky(&prepared.surfels, Vec3::ONE, 0.01, 1, &visibility, &Silent).unwrap();
+    let sums: Vec<f64> = rows.iter().zip(&sky).map(|(r, s)| r.x + s.x).collect();
+    let mean = sums.iter().sum::<f64>() / sums.len() as f64;
+    let p95 = percentile(sums.iter().map(|s| (s - 1.0).abs()).collect(), 0.95);
+    println!("row sum + sky: mean {mean:.5}, p95 off by {p95:.4}");
+    // 484 directions a point: a share is off by 0.5 * 484^(-3/4) = 0.005 or so.
+    assert!((mean - 1.0).abs() < 0.005 && p95 < 0.04);
+}
+
+/// A_i F_ij = A_j F_ji, seen from outside: Σ A x (F y) = Σ A y (F x) for any two fields.
+#[test]
+fn light_goes_both_ways() {
+    let scene = scene("organic", 4000);
+    let prepared = Surfels::prepare(&scene.cloud, &Silent).unwrap();
+    let (octree, surfels) = Octree::build(&prepared.surfels);
+    let occluders = Occluders::build(&surfels);
+    let visibility = CpuVisibility::<f64>::new(&occluders);
+    let accuracy = Accuracy {
+        error: 0.03,
+        radiosity: vec![1.0; octree.facets.len()],
+        target_factor: vec![1.0; octree.facets.len()],
+        seed: 1,
+    };
+    let links = links::build(&surfels, &octree, &accuracy, &visibility, &Silent).unwrap();
+    let direct = Direct::new(&surfels, &visibility, &Silent).unwrap();
+    let fmm = Fmm::<f64>::new(&surfels, &octree, &links);
+    let wave = |k: f32| -> Vec<DVec3> {
+        let positions = surfels.positions.iter();
+        positions
+            .map(|p| {
+                DVec3::splat(f64::from(
+                    1.0 + (k * p.x).sin() * (3.0 * p.y - k * p.z).cos(),
+                ))
+            })
+            .collect()
+    };
+    let (x, y) = (wave(2.0), wave(5.0));
+    let paired = |a: &[DVec3], b: &[DVec3]| -> f64 {
+        let areas = surfels.areas.iter();
+        areas
+            .zip(a.iter().zip(b))
+            .map(|(&area, (a, b))| f64::from(area) * a.x * b.x)
+            .sum()
+    };
+    for (name, there, back) in [
+        (
+            "direct",
+            direct.apply(&y).unwrap(),
+            direct.apply(&x).unwrap(),
+        ),
+        ("fmm", fmm.apply(&y).unwrap(), fmm.apply(&x).unwrap()),
+    ] {
+        let difference = paired(&x, &there) / paired(&y, &back) - 1.0;
+        println!("reciprocity, {name}: {difference:.1e}");
+        assert!(difference.abs() < 2e-3);
+    }
 }
 
 /// Form factor from an element to a rectangle in a parallel plane at distance 1, one corner above

@@ -136,7 +136,8 @@ pub fn run(args: &Args) -> Result<Done> {
     let png = args
         .image
         .as_ref()
-        .map(|_| picture(&scene, &result, args.size, &progress));
+        .map(|_| picture(&scene, &result, args.size, &progress))
+        .transpose()?;
     progress.check()?;
     progress.finish();
 
@@ -145,7 +146,6 @@ pub fn run(args: &Args) -> Result<Done> {
         write_ply(path, &scene.cloud, &result.map)?;
     }
     if let (Some(path), Some(png)) = (&args.image, png) {
-        let png = png?;
         write_atomic(path, |writer| writer.write_all(&png))?;
     }
     let stats = &mut result.stats;
@@ -263,11 +263,13 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
                 ": NOT CONVERGED"
             }
         ),
-        format!(
-            "row sum     {:.4} at most, {:.4} on average (1 in a closed room)",
-            stats.row_sum.max, stats.row_sum.mean
-        ),
     ];
+    if let Some(sum) = stats.row_sum {
+        lines.push(format!(
+            "row sum     {:.4} at most, {:.4} on average (1 in a closed room)",
+            sum.max, sum.mean
+        ));
+    }
     if let Some(bytes) = stats.peak_memory_bytes {
         lines.push(format!("memory      {} MB at most", bytes / 1_000_000));
     }

@@ -51,7 +51,7 @@ pub(super) struct Task<'a> {
 pub(super) struct Solved {
     pub irradiance: Vec<DVec3>,
     pub ended: Ended,
-    pub row_sum: RowSum,
+    pub row_sum: Option<RowSum>,
     pub links: BTreeMap<String, u64>,
     /// Seconds of the solver.
     pub seconds: f64,
@@ -73,7 +73,7 @@ impl Task<'_> {
         Ok(Solved {
             irradiance: bounced.irradiance,
             ended: bounced.ended,
-            row_sum: bounced.row_sum,
+            row_sum: Some(bounced.row_sum),
             seconds: start.elapsed().as_secs_f64(),
             ..Solved::default()
         })
@@ -144,7 +144,7 @@ impl Task<'_> {
         Ok(Solved {
             irradiance: fine.irradiance,
             ended: fine.ended,
-            row_sum: fine.row_sum,
+            row_sum: Some(fine.row_sum),
             links: links
                 .counts()
                 .map(|(kind, n)| (kind.to_owned(), n))

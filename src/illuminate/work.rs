@@ -27,6 +27,10 @@ pub(super) struct Bounced {
     pub row_sum: RowSum,
 }
 
+/// Bounces that are followed one by one where the equation has no solution: its row sums, a little
+/// over 1 by their own error, let light grow as it is reflected.
+const BOUNCES_INSTEAD: u32 = 30;
+
 impl Work<'_> {
     /// Solves for the reflected radiosity, then takes one more step, whose change is the residual.
     pub fn solve<O: TransportOperator>(
@@ -34,28 +38,48 @@ impl Work<'_> {
         operator: &O,
         progress: &dyn Progress,
     ) -> Result<Bounced> {
+        let mut bounced = self.attempt(operator, self.stop, progress)?;
+        // Bounces only add light: a solution below the lights is none.
+        if mean(&bounced.irradiance) < (1.0 - self.stop.residual) * mean(self.lights) {
+            let stop = Stop {
+                bounces: Some(BOUNCES_INSTEAD),
+                ..self.stop
+            };
+            bounced = self.attempt(operator, stop, progress)?;
+            bounced.ended.converged = false;
+        }
+        // Expansions may leave a little less than nothing.
+        for h in &mut bounced.irradiance {
+            *h = h.max(DVec3::ZERO);
+        }
+        bounced.reflected = reflect(&bounced.irradiance, &self.reflectance());
+        Ok(bounced)
+    }
+
+    fn reflectance(&self) -> Vec<DVec3> {
+        let reflectance = self.surfels.reflectance.iter();
+        reflectance.map(|r| r.as_dvec3()).collect()
+    }
+
+    fn attempt<O: TransportOperator>(
+        &self,
+        operator: &O,
+        stop: Stop,
+        progress: &dyn Progress,
+    ) -> Result<Bounced> {
         let fields = operator.fields();
-        let reflectance: Vec<DVec3> = self
-            .surfels
-            .reflectance
-            .iter()
-            .map(|r| r.as_dvec3())
-            .collect();
-        let source: Vec<DVec3> = self
-            .lights
-            .iter()
-            .zip(&reflectance)
-            .map(|(h, r)| h * r)
-            .collect();
+        let reflectance = self.reflectance();
+        let source = reflect(self.lights, &reflectance);
         let start = self.start.map(|s| fields.upload(s)).transpose()?;
         let (reflected, ended) = solve(
             operator,
             &fields.upload(&reflectance)?,
             &fields.upload(&source)?,
             start,
-            self.stop,
+            stop,
             progress,
         )?;
+        progress.check()?;
         let bounced = fields.download(&operator.apply(&reflected)?)?;
         let irradiance: Vec<DVec3> = bounced
             .iter()
@@ -68,32 +92,25 @@ impl Work<'_> {
                     .into(),
             ));
         }
-        let reflect = |irradiance: &[DVec3]| -> Vec<DVec3> {
-            irradiance
-                .iter()
-                .zip(&reflectance)
-                .map(|(h, r)| h * r)
-                .collect()
-        };
-        let change = distance(&reflect(&irradiance), &fields.download(&reflected)?);
+        let reflected = fields.download(&reflected)?;
+        let change = distance(&reflect(&irradiance, &reflectance), &reflected);
         let residual = if change > 0.0 {
             change / length(&source)
         } else {
             0.0
         };
-        // Expansions may leave a little less than nothing.
-        let irradiance: Vec<DVec3> = irradiance.iter().map(|h| h.max(DVec3::ZERO)).collect();
-        let row_sums = fields
-            .download(&operator.apply(&fields.upload(&vec![DVec3::ONE; self.surfels.len()])?)?)?;
+        progress.check()?;
+        let ones = fields.upload(&vec![DVec3::ONE; self.surfels.len()])?;
+        let row_sums = fields.download(&operator.apply(&ones)?)?;
         Ok(Bounced {
-            reflected: reflect(&irradiance),
             irradiance,
+            reflected,
             ended: Ended {
                 iterations: ended.iterations + 1,
                 residual,
                 // The solver's own residual may have drifted by rounding.
                 converged: ended.converged
-                    && (self.stop.bounces.is_some() || residual <= 2.0 * self.stop.residual),
+                    && (stop.bounces.is_some() || residual <= 2.0 * stop.residual),
             },
             row_sum: RowSum {
                 max: row_sums.iter().fold(0.0, |m, r| m.max(r.x)),
@@ -101,6 +118,19 @@ impl Work<'_> {
             },
         })
     }
+}
+
+/// ρ H
+fn reflect(irradiance: &[DVec3], reflectance: &[DVec3]) -> Vec<DVec3> {
+    irradiance
+        .iter()
+        .zip(reflectance)
+        .map(|(h, r)| h * r)
+        .collect()
+}
+
+fn mean(irradiance: &[DVec3]) -> f64 {
+    irradiance.iter().map(|h| h.element_sum()).sum::<f64>() / irradiance.len() as f64
 }
 
 fn length(values: &[DVec3]) -> f64 {

@@ -1,11 +1,12 @@
 //! Light from surfels that shine.
 //!
 //! The emitters have an octree of their own. Each receiver descends it to the clusters that it can
-//! tell apart; their light without occlusion is summed up, and a few segments to places drawn in
-//! proportion to their light give the visible part, more where the first do not agree.
+//! tell apart; their light without occlusion is summed up. A few segments, to clusters drawn in
+//! proportion to their light and each to one emitter of its cluster, give the visible part; more
+//! where the first do not agree.
 
 use glam::DVec3;
-use rand::{RngExt, SeedableRng};
+use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
@@ -16,6 +17,7 @@ use crate::octree::Octree;
 use crate::passes::cpu::{m2m, p2m};
 use crate::points::Surfels;
 use crate::progress::Progress;
+use crate::random::{Purpose, stream};
 use crate::visibility::{Segment, Visibility};
 
 /// Segments a receiver: first, and more where the first do not agree.
@@ -204,7 +206,7 @@ impl Emitters {
             index: i,
             unoccluded: items.iter().map(|item| item.irradiance).sum(),
             items,
-            random: Pcg64Mcg::seed_from_u64(seed ^ (i as u64) << 20 ^ 0xe5),
+            random: stream(seed, Purpose::Emitters, i as u64),
             tested: DVec3::ZERO,
             seen: DVec3::ZERO,
         }

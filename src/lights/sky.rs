@@ -1,14 +1,14 @@
 //! The uniform sky.
 
 use glam::{DVec3, Vec3};
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64Mcg;
+use rand::RngExt;
 use rayon::prelude::*;
 
 use super::BATCH;
 use crate::error::Result;
 use crate::points::Surfels;
 use crate::progress::Progress;
+use crate::random::{Purpose, stream};
 use crate::visibility::{NO_SURFEL, Segment, Visibility};
 
 /// Irradiance from a uniform sky all around that gives an open plane the irradiance `sky`: the
@@ -40,7 +40,7 @@ pub fn sky(
         let segments: Vec<Segment> = (first..last)
             .into_par_iter()
             .flat_map_iter(|i| {
-                let mut random = Pcg64Mcg::seed_from_u64(seed ^ (i as u64) << 20);
+                let mut random = stream(seed, Purpose::Sky, i as u64);
                 let from = surfels.above(i);
                 (0..directions).map(move |k| {
                     let u = (k / strata) as f32 + random.random::<f32>();

@@ -14,9 +14,11 @@ use super::judge::{Judge, Outcome, Pair, Sample, Verdict};
 use super::{Entry, Links, Rows};
 use crate::error::{Error, Result};
 use crate::expansion::Surface;
+use crate::memory;
 use crate::octree::Octree;
 use crate::points::Surfels;
 use crate::progress::Progress;
+use crate::random::Purpose;
 use crate::visibility::{Segment, Visibility};
 
 /// What the links may get wrong, and where it matters.
@@ -60,6 +62,7 @@ pub fn build(
         smooth: 0,
         done: 0.0,
     };
+    let free = memory::available();
     progress.stage("links", SHARES);
     let mut reported = 0;
     let mut level = vec![Pair {
@@ -72,6 +75,7 @@ pub fn build(
         for batch in level.chunks(BATCH) {
             progress.check()?;
             traversal.sort(batch, &mut next)?;
+            traversal.check_memory(level.len() + next.len(), free)?;
             let done = (traversal.done * SHARES as f64) as u64;
             progress.advance(done.saturating_sub(reported));
             reported = reported.max(done);
@@ -107,6 +111,21 @@ struct Traversal<'a> {
 }
 
 impl Traversal<'_> {
+    /// Refuses links that would not fit into the memory that was free at the start.
+    fn check_memory(&self, pairs: usize, free: Option<u64>) -> Result<()> {
+        let links = self.far.len() + self.sampled.len() + self.near.len();
+        // A link is held as an entry, while it is sorted, and in its row.
+        let needed = (3 * links * size_of::<Entry>() + pairs * size_of::<Pair>()) as u64;
+        match free {
+            Some(free) if needed > free => Err(Error::TooLarge(format!(
+                "{links} links and more to come do not fit into {} MiB of memory: ask for a larger \
+                 tolerance, or take fewer points",
+                free >> 20
+            ))),
+            _ => Ok(()),
+        }
+    }
+
     /// Sorts a batch of pairs: links go to the lists, pairs of children to `next`.
     fn sort(&mut self, batch: &[Pair], next: &mut Vec<Pair>) -> Result<()> {
         let verdicts: Vec<Verdict> = batch.par_iter().map(|&p| self.judge.classify(p)).collect();
@@ -130,7 +149,7 @@ impl Traversal<'_> {
             .zip(batch)
             .map(|((verdict, outcome), &pair)| match (verdict, outcome) {
                 (Verdict::Candidate(c), Outcome::Far(..) | Outcome::Sampled(_)) if c.selected() => {
-                    self.judge.draw(pair, c.drawn, 1)
+                    self.judge.draw(pair, c.drawn, Purpose::MeasureLinks)
                 }
                 (Verdict::Candidate(_), Outcome::Near) => self.judge.all_pairs(pair),
                 _ => Vec::new(),

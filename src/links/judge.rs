@@ -1,12 +1,12 @@
 //! What may become a link: bounds first, then samples.
 
 use glam::Vec3;
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64Mcg;
+use rand::RngExt;
 
 use super::{Accuracy, Facing};
 use crate::expansion::{Local, Moments, Surface};
 use crate::octree::{Facet, Octree};
+use crate::random::{Purpose, stream};
 
 /// Expansions hold where both radii together are at most this part of the distance.
 const MAX_OPENING: f32 = 0.6;
@@ -118,7 +118,7 @@ impl Judge<'_> {
             let samples = if exhaustive {
                 self.all_pairs(pair)
             } else {
-                self.draw(pair, drawn, 0)
+                self.draw(pair, drawn, Purpose::SelectLinks)
             };
             // Two samples of a negligible link cannot show that all face each other.
             let all_face = facing.full() || !negligible && samples.iter().all(|s| s.weight > 0.0);
@@ -241,13 +241,11 @@ impl Judge<'_> {
     }
 
     /// Draws pairs of surfels, spread over both facets.
-    pub fn draw(&self, pair: Pair, count: usize, round: u64) -> Vec<Sample> {
+    pub fn draw(&self, pair: Pair, count: usize, purpose: Purpose) -> Vec<Sample> {
         const GOLDEN: f32 = 0.618_034;
         let (a, b) = self.facets(pair);
-        let key = u64::from(pair.target) << 32 | u64::from(pair.source);
-        let seed = self.accuracy.seed.wrapping_mul(2).wrapping_add(round);
-        let stream = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15); // spreads small numbers over all bits
-        let mut random = Pcg64Mcg::seed_from_u64(key ^ stream);
+        let item = u64::from(pair.target) << 32 | u64::from(pair.source);
+        let mut random = stream(self.accuracy.seed, purpose, item);
         let shift: f32 = random.random();
         let at = |part: f32, facet: &Facet| {
             let n = facet.len();

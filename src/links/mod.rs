@@ -10,7 +10,7 @@ pub use csr::{Entry, Rows};
 pub use facing::Facing;
 
 /// The interaction lists of one operator. Every pair of surfels that see each other is in exactly
-/// one of the three.
+/// one of the three, unless its source is dark or what it brings is too little to be seen by samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Links {
     /// Facet from facet by expansion; the weight is the visible part, relative to the expansion.

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::expansion::Surface;
+use crate::memory;
 use crate::operator::{HostFields, TransportOperator};
 use crate::points::Surfels;
 use crate::progress::Progress;
@@ -20,7 +21,7 @@ pub struct Direct {
 }
 
 /// Largest memory for the visibility bits: 185,000 surfels.
-const MAX_BYTES: usize = 4 << 30;
+const MAX_BYTES: u64 = 4 << 30;
 
 impl Direct {
     /// Tests every pair that could exchange light; the visibility of a pair is that of the segment
@@ -32,11 +33,14 @@ impl Direct {
     ) -> Result<Self> {
         let n = surfels.len();
         let words = n.div_ceil(64);
-        if n * words * 8 > MAX_BYTES {
+        let needed = n as u64 * words as u64 * 8;
+        let free = memory::available().unwrap_or(u64::MAX).min(MAX_BYTES);
+        if needed > free {
             return Err(Error::TooLarge(format!(
-                "--method direct keeps one bit for each of the {n}² pairs, more than {} GiB: use \
-                 --method fmm",
-                MAX_BYTES >> 30
+                "the direct method keeps one bit for each of the {n}² pairs, {} MiB, but may take \
+                 {} MiB: use the fmm method",
+                needed >> 20,
+                free >> 20
             )));
         }
         let surface = Surface::<f64>::new(surfels);

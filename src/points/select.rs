@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use super::{PointCloud, Surfels};
 use crate::error::{Error, Result};
@@ -15,8 +15,8 @@ pub(super) fn select(
 ) -> Result<(Surfels, Vec<Option<u32>>)> {
     let placed = |p: DVec3| p.abs().cmple(DVec3::splat(LARGEST)).all();
     let usable = |i: usize| {
-        let length = cloud.normals[i].length();
-        placed(cloud.positions[i]) && length.is_finite() && length > 0.0
+        let normal = cloud.normals[i];
+        placed(cloud.positions[i]) && normal.is_finite() && normal != Vec3::ZERO
     };
     let Some(origin) = middle(cloud, usable) else {
         return Err(Error::Invalid(format!(
@@ -41,7 +41,7 @@ pub(super) fn select(
             continue;
         }
         let position = (cloud.positions[i] - origin).as_vec3();
-        let normal = cloud.normals[i].normalize();
+        let normal = cloud.normals[i].as_dvec3().normalize().as_vec3();
         let area = cloud.areas.get(i).map_or(0.0, |a| a.max(0.0)); // NaN is no area either
         // + 0.0 makes one of both zeros.
         let place = places

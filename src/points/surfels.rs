@@ -13,6 +13,7 @@ use super::{Cells, PointCloud};
 use crate::error::{Error, Result};
 use crate::memory;
 use crate::progress::Progress;
+use crate::scene::BRIGHTEST;
 use crate::visibility::Segment;
 
 /// The points that take part in the transport.
@@ -52,6 +53,8 @@ pub struct Prepared {
     pub repairs: Vec<String>,
 }
 
+/// Cells made between two looks at whether the work should stop.
+const BLOCK: usize = 1 << 16;
 /// Neighbours that a cell is made from.
 const NEIGHBOURS: usize = 24;
 
@@ -78,25 +81,7 @@ impl Surfels {
                     .into(),
             ));
         }
-        for (what, length) in [
-            ("normals", cloud.normals.len()),
-            ("reflectances", cloud.reflectance.len()),
-            ("emissions", cloud.emission.len()),
-            (
-                "areas",
-                cloud
-                    .areas
-                    .len()
-                    .max(cloud.len() * usize::from(cloud.areas.is_empty())),
-            ),
-        ] {
-            if length != cloud.len() {
-                return Err(Error::Invalid(format!(
-                    "{} points, but {length} {what}: one a point is needed",
-                    cloud.len()
-                )));
-            }
-        }
+        check(cloud)?;
         let mut repairs = cloud.repairs.clone();
         let (mut surfels, surfel_of_point) = select(cloud, &mut repairs)?;
         surfels.make_cells(progress)?;
@@ -131,21 +116,21 @@ impl Surfels {
             }
         };
         let rule = SurfaceRule::measure(self, neighbours);
-        let cells: Vec<Cell> = (0..n)
-            .into_par_iter()
-            .map_init(
+        let mut cells: Vec<Cell> = Vec::with_capacity(n);
+        while cells.len() < n {
+            progress.check()?;
+            let block = cells.len()..(cells.len() + BLOCK).min(n);
+            let made = block.len() as u64;
+            cells.par_extend(block.into_par_iter().map_init(
                 || Vec::with_capacity(NEIGHBOURS),
                 |near, i| {
-                    if i % 4096 == 0 {
-                        progress.advance(4096);
-                    }
                     neighbours(i, near);
                     let size = f64::from(self.areas[i]).max(0.0).sqrt();
                     Cell::new(self.normals[i].as_dvec3(), near, &rule, size)
                 },
-            )
-            .collect();
-        progress.check()?;
+            ));
+            progress.advance(made);
+        }
         self.occluder_scale = rule.scale as f32;
         self.offsets = cells
             .iter()
@@ -200,4 +185,40 @@ impl Surfels {
             points: pick(&self.points, order),
         }
     }
+}
+
+/// Refuses a cloud, made by a program, that no reader would hand over: arrays of the wrong length,
+/// light and material that do not exist.
+fn check(cloud: &PointCloud) -> Result<()> {
+    let n = cloud.len();
+    let optional = |length: usize| if length == 0 { n } else { length };
+    for (what, length) in [
+        ("normals", cloud.normals.len()),
+        ("reflectances", cloud.reflectance.len()),
+        ("emissions", cloud.emission.len()),
+        ("areas", optional(cloud.areas.len())),
+    ] {
+        if length != n {
+            return Err(Error::Invalid(format!(
+                "{n} points, but {length} {what}: one a point is needed"
+            )));
+        }
+    }
+    let within =
+        |v: &Vec3, most: f32| v.cmpge(Vec3::ZERO).all() && v.cmple(Vec3::splat(most)).all();
+    let bad_reflectance = cloud.reflectance.iter().position(|r| !within(r, 1.0));
+    let bad_emission = cloud.emission.iter().position(|e| !within(e, BRIGHTEST));
+    if let Some(i) = bad_reflectance {
+        let value = cloud.reflectance[i];
+        return Err(Error::Invalid(format!(
+            "point {i} has reflectance {value}: each channel must lie between 0 and 1"
+        )));
+    }
+    if let Some(i) = bad_emission {
+        let value = cloud.emission[i];
+        return Err(Error::Invalid(format!(
+            "point {i} has emission {value}: each channel must be finite and not negative"
+        )));
+    }
+    Ok(())
 }
