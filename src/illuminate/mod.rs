@@ -5,7 +5,7 @@ mod work;
 
 use std::time::Instant;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use serde::Serialize;
 
 use self::task::Task;
@@ -216,9 +216,11 @@ fn check(scene: &Scene, tolerance: f64) -> Result<()> {
             TOLERANCES.end()
         ));
     }
+    // (`max_element` would pass over NaN.)
+    let placed = |p: DVec3| p.abs().cmple(DVec3::splat(LARGEST)).all();
     let shines = |rgb: Vec3| rgb.cmpge(Vec3::ZERO).all() && rgb.cmple(Vec3::splat(BRIGHTEST)).all();
     for (k, light) in scene.lights.iter().enumerate() {
-        if !(light.position.abs().max_element() <= LARGEST && shines(light.intensity)) {
+        if !(placed(light.position) && shines(light.intensity)) {
             return invalid(format!(
                 "light {k} at {} with intensity {}: numbers must be finite, intensities not \
                  negative",

@@ -13,7 +13,8 @@ pub(super) fn select(
     cloud: &PointCloud,
     repairs: &mut Vec<String>,
 ) -> Result<(Surfels, Vec<Option<u32>>)> {
-    let placed = |p: DVec3| p.abs().max_element() <= LARGEST;
+    // (`max_element` would pass over NaN.)
+    let placed = |p: DVec3| p.abs().cmple(DVec3::splat(LARGEST)).all();
     let usable = |i: usize| {
         let length = cloud.normals[i].length();
         placed(cloud.positions[i]) && length.is_finite() && length > 0.0
