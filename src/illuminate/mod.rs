@@ -216,11 +216,9 @@ fn check(scene: &Scene, tolerance: f64) -> Result<()> {
             TOLERANCES.end()
         ));
     }
-    // (`max_element` would pass over NaN.)
-    let placed = |p: DVec3| p.abs().cmple(DVec3::splat(LARGEST)).all();
     let shines = |rgb: Vec3| rgb.cmpge(Vec3::ZERO).all() && rgb.cmple(Vec3::splat(BRIGHTEST)).all();
     for (k, light) in scene.lights.iter().enumerate() {
-        if !(placed(light.position) && shines(light.intensity)) {
+        if !(light.position.abs().cmple(DVec3::splat(LARGEST)).all() && shines(light.intensity)) {
             return invalid(format!(
                 "light {k} at {} with intensity {}: numbers must be finite, intensities not \
                  negative",

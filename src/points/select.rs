@@ -13,7 +13,6 @@ pub(super) fn select(
     cloud: &PointCloud,
     repairs: &mut Vec<String>,
 ) -> Result<(Surfels, Vec<Option<u32>>)> {
-    // (`max_element` would pass over NaN.)
     let placed = |p: DVec3| p.abs().cmple(DVec3::splat(LARGEST)).all();
     let usable = |i: usize| {
         let length = cloud.normals[i].length();
