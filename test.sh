@@ -52,7 +52,7 @@ fi
 cargo run --release --quiet -- adapters
 
 step tests
-cargo test --release
+cargo test --release --no-fail-fast
 
 step benches
 cargo bench --no-run
