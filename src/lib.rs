@@ -64,7 +64,6 @@
 
 // The whole job.
 pub mod illuminate;
-pub mod stats;
 
 // Points from files.
 pub mod scan;
@@ -100,12 +99,12 @@ pub mod progress;
 mod random;
 
 pub use error::{Error, Result};
+pub use illuminate::stats::Stats;
 pub use illuminate::{Backend, Illumination, Method, Occlusion, Options, illuminate};
 pub use map::IlluminationMap;
 pub use points::{PointCloud, Surfels};
 pub use progress::Progress;
 pub use scene::Scene;
-pub use stats::Stats;
 
 // Vectors and devices of these versions are what the library takes.
 pub use {glam, wgpu};

@@ -1,5 +1,6 @@
 //! The main job: scene in, illumination map and what it took out.
 
+pub mod stats;
 mod task;
 mod work;
 
@@ -8,6 +9,7 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
+use self::stats::{Seconds, Stats};
 use self::task::Task;
 use crate::error::{Error, Result};
 use crate::map::IlluminationMap;
@@ -17,7 +19,6 @@ use crate::passes::gpu::{Gpu, GpuVisibility};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
-use crate::stats::{Seconds, Stats};
 use crate::visibility::{Counted, CpuVisibility, NothingInTheWay, Occluders, Visibility};
 
 /// How the transport operator is applied.

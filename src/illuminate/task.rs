@@ -6,6 +6,7 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::stats::RowSum;
 use super::work::{Bounced, Work};
 use crate::error::Result;
 use crate::lights;
@@ -16,7 +17,6 @@ use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::solve::{Ended, Stop};
-use crate::stats::RowSum;
 use crate::visibility::Counted;
 
 /// Allowed error of a link in units of the tolerance and the mean irradiance. Errors of many links

@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 
+use super::stats::RowSum;
 use crate::error::{Error, Result};
 use crate::operator::{Fields, TransportOperator};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::solve::{Ended, Stop, solve};
-use crate::stats::RowSum;
 
 /// A radiosity equation to solve: everything but the operator.
 pub(super) struct Work<'a> {

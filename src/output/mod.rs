@@ -9,7 +9,7 @@ pub use atomic::{check_writable, write_atomic};
 pub use ply::write_ply;
 
 use crate::error::Result;
-use crate::stats::Stats;
+use crate::illuminate::stats::Stats;
 
 /// Writes the statistics of a solve as JSON.
 pub fn write_stats(path: &Path, stats: &Stats) -> Result<()> {

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
-use super::rule::SurfaceRule;
+use super::rule::{Neighbour, SurfaceRule};
 
 /// Largest number of edges of a cell, so that a GPU can hold it.
 pub const MAX_EDGES: usize = 8;
@@ -25,14 +25,6 @@ pub struct Cells {
     pub tangents: Vec<Vec3>,
     /// Corners in the frame of tangent and bitangent, in the scan's unit.
     pub corners: Vec<[Vec2; MAX_EDGES]>,
-}
-
-/// A neighbour seen from the point whose cell is made.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Neighbour {
-    /// Position relative to the point.
-    pub offset: DVec3,
-    pub normal: DVec3,
 }
 
 /// One cell with what follows from it.

@@ -1,14 +1,22 @@
 //! The one rule by which cells, occluders and segments follow the cloud's noise.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Surfels;
-use super::cells::Neighbour;
 
 /// Surfels that the rule is measured on.
 const SAMPLE: usize = 20_000;
 /// Largest spacing of a cell, in medians of the spacing.
 const LARGEST_SPACING: f64 = 30.0;
+
+/// A neighbour seen from the point whose cell is made.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Neighbour {
+    /// Position relative to the point.
+    pub offset: DVec3,
+    pub normal: DVec3,
+}
 
 /// How far the surface can be trusted: the one rule by which cells, occluders and segments follow
 /// the cloud's noise.

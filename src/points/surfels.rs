@@ -6,8 +6,8 @@ use glam::{DVec3, Vec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-use super::cells::{Cell, Neighbour};
-use super::rule::SurfaceRule;
+use super::cells::Cell;
+use super::rule::{Neighbour, SurfaceRule};
 use super::select::select;
 use super::{Cells, PointCloud};
 use crate::error::{Error, Result};

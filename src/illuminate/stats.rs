@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::illuminate::Method;
+use super::Method;
 
 /// Seconds spent, by stage.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
