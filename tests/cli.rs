@@ -259,7 +259,7 @@ fn bad_scene_files_are_told() {
     );
     fails(
         &folder,
-        "solve scene.toml --points 4000000000 --quiet",
+        "solve scene.toml --points 400000000 --quiet",
         1,
         "only",
     );

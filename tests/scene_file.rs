@@ -236,8 +236,8 @@ fn bad_scene_files_are_refused_in_words() {
             &["1000000000000 points"],
         ),
         (
-            format!("points = 4000000000\n{}", with(QUAD)),
-            &["4000000000 points", "MiB"],
+            format!("points = 400000000\n{}", with(QUAD)),
+            &["400000000 points", "MiB"],
         ),
         (
             format!("tolerance = 0\n{}", with(QUAD)),
