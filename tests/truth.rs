@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use fmmgi_gpu::compare::compare;
 use fmmgi_gpu::links::{self, Accuracy};
 use fmmgi_gpu::octree::Octree;
 use fmmgi_gpu::operator::{Direct, Fmm, TransportOperator};
@@ -107,6 +108,22 @@ fn a_white_room_is_not_called_solved() {
     let result = illuminate(&scene, &options, Backend::Cpu, &Silent).unwrap();
     assert!(!result.stats.converged);
     assert!(result.map.irradiance.iter().all(|h| h.x > 1.0));
+}
+
+/// Links keep the tolerance asked for, against exact sums over the same points.
+#[test]
+fn links_keep_the_tolerance() {
+    for name in ["cornell", "organic", "two_rooms", "cave"] {
+        let scene = scene(name, 4000);
+        let exact = solve(&scene, Method::Direct, None).map.irradiance;
+        let links = solve(&scene, Method::Fmm, None).map.irradiance;
+        let found = compare(&links, &exact).unwrap();
+        println!(
+            "{name}: rel L2 {:.4}, bias {:+.4}",
+            found.rel_l2, found.bias
+        );
+        assert!(found.rel_l2 < 0.03 && found.bias.abs() < 0.01);
+    }
 }
 
 /// Every direction ends on a surface or in the sky: row sum + visible sky = 1, both measured.
