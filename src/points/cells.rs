@@ -215,6 +215,10 @@ impl Polygon {
             let n = self.0.len();
             let cut = |k: usize| {
                 let (a, b, c) = (self.0[(k + n - 1) % n], self.0[k], self.0[(k + 1) % n]);
+                // The point itself stays in, however close to a corner it lies.
+                if (c - a).perp_dot(-a) < 0.0 {
+                    return f64::INFINITY;
+                }
                 (b - a).perp_dot(c - b)
             };
             let (k, area) = (0..n)
