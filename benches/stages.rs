@@ -3,7 +3,7 @@
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
 use fmmgi_gpu::expansion::Surface;
 use fmmgi_gpu::links::{self, Accuracy, Links};
-use fmmgi_gpu::octree::Octree;
+use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Fields, Fmm, GpuFmm, TransportOperator};
 use fmmgi_gpu::passes::gpu::{Gpu, GpuFormFactors, GpuVisibility, adapter};
 use fmmgi_gpu::progress::Silent;
@@ -33,7 +33,7 @@ impl Case {
         };
         let scene = Scene::load(path.as_ref(), &options, &Silent).unwrap();
         let prepared = Surfels::prepare(&scene.cloud, &Silent).unwrap();
-        let (octree, surfels) = Octree::build(&prepared.surfels);
+        let (octree, surfels) = Octree::build(&prepared.surfels, LEAF_SIZE);
         let occluders = Occluders::build(&surfels);
         let facets = octree.facets.len();
         let accuracy = Accuracy {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use fmmgi_gpu::links::{self, Accuracy, Links};
-use fmmgi_gpu::octree::Octree;
+use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Fields, Fmm, GpuFmm, TransportOperator, exact_irradiance};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::PointLight;
@@ -110,7 +110,7 @@ fn links_agree_with_exact_sums() {
 fn the_device_gives_the_same_light() {
     let Some(scene) = cave() else { return };
     let prepared = Surfels::prepare(&scene.cloud, &Silent).unwrap();
-    let (octree, surfels) = Octree::build(&prepared.surfels);
+    let (octree, surfels) = Octree::build(&prepared.surfels, LEAF_SIZE);
     let occluders = Occluders::build(&surfels);
     let visibility = CpuVisibility::<f32>::new(&occluders);
     let lamps = lights::point_lights(&surfels, &scene.lights, &visibility, &Silent).unwrap();

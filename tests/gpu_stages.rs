@@ -6,7 +6,7 @@ mod common;
 use common::{clutter, gpu, polygons, random, room, sphere};
 use fmmgi_gpu::expansion::{Local, Moments, Surface};
 use fmmgi_gpu::links::{self, Accuracy, Entry, Links, Rows};
-use fmmgi_gpu::octree::Octree;
+use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Fields, Fmm, GpuFields, GpuFmm, HostFields, TransportOperator};
 use fmmgi_gpu::passes::cpu;
 use fmmgi_gpu::passes::gpu::{Batch, Batches, Gpu, GpuFormFactors, Stages, adapter};
@@ -30,7 +30,7 @@ struct Case {
 impl Case {
     /// With the links that the product would find.
     fn linked(name: &'static str, surfels: &Surfels, error: f32) -> Case {
-        let (octree, surfels) = Octree::build(surfels);
+        let (octree, surfels) = Octree::build(surfels, LEAF_SIZE);
         let facets = octree.facets.len();
         let accuracy = Accuracy {
             error,
@@ -49,7 +49,7 @@ impl Case {
 
     /// With random links, of which every third row has none.
     fn tangled(name: &'static str, surfels: &Surfels, seed: u64) -> Case {
-        let (octree, surfels) = Octree::build(surfels);
+        let (octree, surfels) = Octree::build(surfels, LEAF_SIZE);
         let mut rng = random(seed);
         let mut rows = |targets: usize, apart: &dyn Fn(usize, usize) -> bool| {
             let mut entries = Vec::new();
@@ -73,10 +73,10 @@ impl Case {
             facets[t].centre.distance(facets[s].centre) > reach
         };
         let links = Links {
-            far: rows(facets.len(), &apart),
+            m2l: vec![Rows::none(facets.len()), rows(facets.len(), &apart)],
             sampled: rows(facets.len(), &|_, _| true),
             near: rows(surfels.len(), &|_, _| true),
-            smooth: 0,
+            ..Links::none(facets.len(), surfels.len())
         };
         Case {
             name,
@@ -100,7 +100,6 @@ impl Case {
 fn cases() -> Vec<Case> {
     let one_place: Vec<_> = (0..9).map(|_| (Vec3::ONE, Vec3::Z)).collect();
     let unlinked = Case::tangled("unlinked", &clutter(100, 0.1, 9), 3);
-    let none = |targets: usize| Rows::new(targets, Vec::new());
     let facets = unlinked.octree.facets.len();
     vec![
         Case::linked("room", &room(12), 0.02),
@@ -117,10 +116,8 @@ fn cases() -> Vec<Case> {
         Case {
             name: "unlinked",
             links: Links {
-                far: none(facets),
-                sampled: none(facets),
-                near: none(unlinked.surfels.len()),
-                smooth: 0,
+                m2l: vec![Rows::none(facets); 2],
+                ..Links::none(facets, unlinked.surfels.len())
             },
             ..unlinked
         },

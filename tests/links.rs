@@ -5,7 +5,7 @@ mod clouds;
 use clouds::*;
 use fmmgi_gpu::expansion::Surface;
 use fmmgi_gpu::links::{self, Accuracy, Facing, Links, Rows};
-use fmmgi_gpu::octree::Octree;
+use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Direct, Fields, Fmm, TransportOperator};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::visibility::{CpuVisibility, NothingInTheWay, Occluders, Visibility};
@@ -88,17 +88,19 @@ fn check_rows(rows: &Rows, targets: usize, sources: usize) {
 
 fn check_well_formed(links: &Links, octree: &Octree, s: &Surfels) {
     let facets = octree.facets.len();
-    check_rows(&links.far, facets, facets);
+    for rows in &links.m2l {
+        check_rows(rows, facets, facets);
+        // Relative to the expansion: twice at most.
+        assert!(rows.weights.iter().all(|&w| w <= 2.0));
+    }
     check_rows(&links.sampled, facets, facets);
     check_rows(&links.near, s.len(), s.len());
-    // Relative to the expansion: twice at most.
-    assert!(links.far.weights.iter().all(|&w| w <= 2.0));
 }
 
 /// How often each ordered pair (target, source) of surfels is linked.
 fn coverage(links: &Links, octree: &Octree, n: usize) -> Vec<u8> {
     let mut count = vec![0u8; n * n];
-    for rows in [&links.far, &links.sampled] {
+    for rows in links.m2l.iter().chain([&links.sampled]) {
         for t in 0..octree.facets.len() {
             for (source, _) in rows.row(t) {
                 for i in octree.facets[t].surfels() {
@@ -124,7 +126,7 @@ fn coverage(links: &Links, octree: &Octree, n: usize) -> Vec<u8> {
 #[test]
 fn every_pair_is_linked_once() {
     for (name, cloud) in clouds() {
-        let (octree, s) = Octree::build(&surfels(&cloud));
+        let (octree, s) = Octree::build(&surfels(&cloud), LEAF_SIZE);
         let surface = Surface::<f32>::new(&s);
         let n = s.len();
         for error in [1e-9, 0.003, 0.03, 0.3] {
@@ -188,7 +190,7 @@ fn relative(a: &[DVec3], b: &[DVec3]) -> f64 {
 #[test]
 fn without_allowed_error_the_operator_is_the_direct_sum() {
     for (name, cloud) in clouds() {
-        let (octree, s) = Octree::build(&surfels(&cloud));
+        let (octree, s) = Octree::build(&surfels(&cloud), LEAF_SIZE);
         let occluders = Occluders::build(&s);
         let visibility = CpuVisibility::<f32>::new(&occluders);
         let b = radiosity(s.len(), 2);
@@ -246,7 +248,7 @@ fn error_follows_what_is_allowed() {
             [(0.03, 0.05), (0.003, 0.02), (1e-6, 1e-4)],
         ),
     ] {
-        let (octree, s) = Octree::build(&surfels(&cloud));
+        let (octree, s) = Octree::build(&surfels(&cloud), LEAF_SIZE);
         let occluders = Occluders::build(&s);
         let visibility = CpuVisibility::<f32>::new(&occluders);
         // Light that varies smoothly.
@@ -275,7 +277,7 @@ fn error_follows_what_is_allowed() {
 
 #[test]
 fn the_number_of_threads_does_not_matter() {
-    let (octree, s) = Octree::build(&surfels(&two_rooms()));
+    let (octree, s) = Octree::build(&surfels(&two_rooms()), LEAF_SIZE);
     let occluders = Occluders::build(&s);
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
@@ -294,7 +296,7 @@ fn the_number_of_threads_does_not_matter() {
 #[test]
 fn bounds_of_facing_hold() {
     for (name, cloud) in clouds() {
-        let (octree, s) = Octree::build(&surfels(&cloud));
+        let (octree, s) = Octree::build(&surfels(&cloud), LEAF_SIZE);
         let mut rng = random(3);
         let n = octree.facets.len();
         for _ in 0..2000 {
@@ -330,7 +332,7 @@ fn bounds_of_facing_hold() {
 
 #[test]
 fn dark_sources_have_no_links() {
-    let (octree, s) = Octree::build(&surfels(&cube(8, 0.5, true, 1)));
+    let (octree, s) = Octree::build(&surfels(&cube(8, 0.5, true, 1)), LEAF_SIZE);
     let mut dark = accuracy(&octree, 0.01);
     dark.radiosity.fill(0.0);
     let links = links::build(&s, &octree, &dark, &NothingInTheWay, &Silent).expect("links");

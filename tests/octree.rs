@@ -10,7 +10,7 @@ use glam::DVec3;
 use proptest::prelude::*;
 
 fn built(cloud: &fmmgi_gpu::PointCloud) -> (Octree, Surfels) {
-    Octree::build(&surfels(cloud))
+    Octree::build(&surfels(cloud), LEAF_SIZE)
 }
 
 /// What holds for every octree.
@@ -148,7 +148,7 @@ fn facets_part_and_bound_their_surfels() {
     ] {
         println!("{name}");
         let given = surfels(&cloud);
-        let (octree, s) = Octree::build(&given);
+        let (octree, s) = Octree::build(&given, LEAF_SIZE);
         check(&octree, &s, &given);
         let largest = octree
             .facets
@@ -216,7 +216,7 @@ fn degenerate_clouds() {
     ] {
         println!("{name}");
         let given = surfels(&cloud);
-        let (octree, s) = Octree::build(&given);
+        let (octree, s) = Octree::build(&given, LEAF_SIZE);
         check(&octree, &s, &given);
     }
 }
@@ -279,7 +279,7 @@ proptest! {
             (p * scale, n)
         }));
         if let Ok(prepared) = Surfels::prepare(&cloud, &Silent) {
-            let (octree, s) = Octree::build(&prepared.surfels);
+            let (octree, s) = Octree::build(&prepared.surfels, LEAF_SIZE);
             check(&octree, &s, &prepared.surfels);
         }
     }

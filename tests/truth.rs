@@ -4,7 +4,7 @@ use std::path::Path;
 
 use fmmgi_gpu::compare::compare;
 use fmmgi_gpu::links::{self, Accuracy};
-use fmmgi_gpu::octree::Octree;
+use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Direct, Fmm, TransportOperator};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
@@ -151,7 +151,7 @@ fn surroundings_and_sky_are_everything() {
 fn light_goes_both_ways() {
     let scene = scene("organic", 4000);
     let prepared = Surfels::prepare(&scene.cloud, &Silent).unwrap();
-    let (octree, surfels) = Octree::build(&prepared.surfels);
+    let (octree, surfels) = Octree::build(&prepared.surfels, LEAF_SIZE);
     let occluders = Occluders::build(&surfels);
     let visibility = CpuVisibility::<f64>::new(&occluders);
     let accuracy = Accuracy {

@@ -13,7 +13,7 @@ use self::stats::{Seconds, Stats};
 use self::task::Task;
 use crate::error::{Error, Result};
 use crate::map::IlluminationMap;
-use crate::octree::Octree;
+use crate::octree::{LEAF_SIZE, Octree};
 use crate::operator::{Fmm, GpuFmm};
 use crate::passes::gpu::{Gpu, GpuVisibility};
 use crate::points::Surfels;
@@ -110,7 +110,7 @@ pub fn illuminate(
     let prepared = Surfels::prepare(&scene.cloud, progress)?;
     let prepare = clock.lap();
     progress.stage("octree", 1);
-    let (octree, surfels) = Octree::build(&prepared.surfels);
+    let (octree, surfels) = Octree::build(&prepared.surfels, LEAF_SIZE);
     let occluders = match options.occlusion {
         Occlusion::Surfels => Some(Occluders::build(&surfels)),
         Occlusion::None => None,

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::BATCH;
 use crate::error::Result;
 use crate::expansion::{Local, Moments, NEAR_SPACINGS, Surface};
-use crate::octree::Octree;
+use crate::octree::{LEAF_SIZE, Octree};
 use crate::passes::cpu::{m2m, p2m};
 use crate::points::Surfels;
 use crate::progress::Progress;
@@ -142,7 +142,7 @@ impl Receiver {
 impl Emitters {
     fn new(surfels: &Surfels, shining: &[u32], tolerance: f64) -> Self {
         let subset = surfels.reordered(shining);
-        let (octree, sorted) = Octree::build(&subset);
+        let (octree, sorted) = Octree::build(&subset, LEAF_SIZE);
         // `points` follows every reordering, so it finds the way back.
         let place: std::collections::HashMap<u32, u32> = shining
             .iter()

@@ -91,10 +91,11 @@ pub fn build(
     }
     let facets = octree.facets.len();
     Ok(Links {
-        far: Rows::new(facets, traversal.far),
+        m2l: vec![Rows::none(facets), Rows::new(facets, traversal.far)],
+        smooth: traversal.smooth,
         sampled: Rows::new(facets, traversal.sampled),
         near: Rows::new(surfels.len(), traversal.near),
-        smooth: traversal.smooth,
+        ..Links::none(facets, surfels.len())
     })
 }
 

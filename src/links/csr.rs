@@ -23,6 +23,15 @@ pub struct Entry {
 }
 
 impl Rows {
+    /// No entries for so many targets.
+    pub fn none(targets: usize) -> Rows {
+        Rows {
+            offsets: vec![0; targets + 1],
+            sources: Vec::new(),
+            weights: Vec::new(),
+        }
+    }
+
     /// Sorts entries into rows; within a row they keep their order.
     pub fn new(targets: usize, mut entries: Vec<Entry>) -> Rows {
         entries.par_sort_by_key(|e| e.target);

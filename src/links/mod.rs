@@ -10,13 +10,22 @@ pub use csr::{Entry, Rows};
 pub use facing::Facing;
 
 /// The interaction lists of one operator. Every pair of surfels that see each other is in exactly
-/// one of the three, unless its source is dark or what it brings is too little to be seen by samples.
+/// one of them, unless its source is dark or what it brings is too little to be seen by samples.
+///
+/// The weight of an entry is the part of the light that gets through, where nothing else is said.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Links {
-    /// Facet from facet by expansion; the weight is the visible part, relative to the expansion.
-    pub far: Rows,
-    /// How many far links are smooth: none of their segments met anything.
+    /// Facet from facet, moments into local expansion (M2L): `m2l[p]` are those of order p. The
+    /// weight is the visible part, relative to the expansion.
+    pub m2l: Vec<Rows>,
+    /// How many of these are smooth: none of their segments met anything.
     pub smooth: u64,
+    /// Facet from facet: moments of the source at each surfel of the target (M2P).
+    pub m2p: Rows,
+    /// Facet from facet: each surfel of the source into the local expansion of the target (P2L).
+    pub p2l: Rows,
+    /// Facet from facet, surfel from surfel by the point kernel (P2P).
+    pub p2p: Rows,
     /// Facet from facet where only some pairs face each other: the weight is the mean of the clamped
     /// kernel times visibility, which acts on the source's power.
     pub sampled: Rows,
@@ -25,11 +34,28 @@ pub struct Links {
 }
 
 impl Links {
+    /// No links at all, between so many facets and so many surfels.
+    pub fn none(facets: usize, surfels: usize) -> Links {
+        Links {
+            m2l: Vec::new(),
+            smooth: 0,
+            m2p: Rows::none(facets),
+            p2l: Rows::none(facets),
+            p2p: Rows::none(facets),
+            sampled: Rows::none(facets),
+            near: Rows::none(surfels),
+        }
+    }
+
     /// Numbers of links by kind, as the stats show them.
-    pub fn counts(&self) -> [(&'static str, u64); 4] {
+    pub fn counts(&self) -> [(&'static str, u64); 7] {
+        let m2l: usize = self.m2l.iter().map(Rows::len).sum();
         [
             ("smooth", self.smooth),
-            ("fractional", self.far.len() as u64 - self.smooth),
+            ("fractional", m2l as u64 - self.smooth),
+            ("m2p", self.m2p.len() as u64),
+            ("p2l", self.p2l.len() as u64),
+            ("p2p", self.p2p.len() as u64),
             ("sampled", self.sampled.len() as u64),
             ("near", self.near.len() as u64),
         ]

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::{Facet, LEAF_SIZE, MAX_HALF_ANGLE};
+use super::{Facet, MAX_HALF_ANGLE};
 use crate::points::Surfels;
 
 /// Levels of the Morton code: bits an axis.
@@ -11,6 +11,7 @@ const MORTON_LEVELS: u32 = 21;
 
 pub(super) struct Builder<'a> {
     surfels: &'a Surfels,
+    leaf_size: usize,
     /// Morton code of each surfel in the common cube.
     codes: Vec<u64>,
 }
@@ -39,7 +40,7 @@ struct Open<'s> {
 }
 
 impl<'a> Builder<'a> {
-    pub fn new(surfels: &'a Surfels) -> Self {
+    pub fn new(surfels: &'a Surfels, leaf_size: usize) -> Self {
         let (low, high) = surfels
             .positions
             .iter()
@@ -56,7 +57,11 @@ impl<'a> Builder<'a> {
                 morton(cell.min(DVec3::splat(cells - 1.0)).as_u64vec3().to_array())
             })
             .collect();
-        Builder { surfels, codes }
+        Builder {
+            surfels,
+            leaf_size,
+            codes,
+        }
     }
 
     pub fn run(&self) -> Built {
@@ -104,14 +109,16 @@ impl<'a> Builder<'a> {
         let wide = f64::from(facet.spread) > MAX_HALF_ANGLE.sin();
         let (cuts, split) = match split {
             Split::Normal if wide => (self.cut_by_normal(members), Split::Normal),
-            Split::Normal if members.len() > LEAF_SIZE => {
+            Split::Normal if members.len() > self.leaf_size => {
                 members.par_sort_unstable_by_key(|&i| (self.codes[i as usize], i));
                 self.cut_by_place(members, 0)
             }
-            Split::Morton(MORTON_LEVELS) if members.len() > LEAF_SIZE => {
+            Split::Morton(MORTON_LEVELS) if members.len() > self.leaf_size => {
                 (self.cut_in_half(members), split)
             }
-            Split::Morton(level) if members.len() > LEAF_SIZE => self.cut_by_place(members, level),
+            Split::Morton(level) if members.len() > self.leaf_size => {
+                self.cut_by_place(members, level)
+            }
             _ => (Vec::new(), split),
         };
         let children = split_at(members, &cuts)

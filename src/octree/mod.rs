@@ -27,14 +27,14 @@ pub struct Octree {
 /// up to 1.7 times the pairs for little gain.
 pub const MAX_HALF_ANGLE: f64 = 0.7;
 
-/// At most so many surfels a leaf.
+/// At most so many surfels a leaf where visibility is tested.
 pub const LEAF_SIZE: usize = 4;
 
 impl Octree {
-    /// Builds the octree; returns it with the surfels in its order, in which each facet's surfels
-    /// lie side by side.
-    pub fn build(surfels: &Surfels) -> (Octree, Surfels) {
-        let order = build::Builder::new(surfels).run();
+    /// Builds the octree, with at most `leaf_size` surfels a leaf (the paper's s); returns it with
+    /// the surfels in its order, in which each facet's surfels lie side by side.
+    pub fn build(surfels: &Surfels, leaf_size: usize) -> (Octree, Surfels) {
+        let order = build::Builder::new(surfels, leaf_size).run();
         let sorted = surfels.reordered(&order.surfels);
         let octree = Octree {
             facets: order.facets,

@@ -9,7 +9,7 @@ use crate::octree::Octree;
 pub fn m2l<T: Real>(octree: &Octree, links: &Links, moments: &[Moments<T>]) -> Vec<Local<T>> {
     let gather = |(t, target): (usize, &crate::octree::Facet)| {
         let mut local = Local::default();
-        for (s, fraction) in links.far.row(t) {
+        for (s, fraction) in links.m2l.iter().flat_map(|rows| rows.row(t)) {
             let source = &octree.facets[s];
             let way = T::Vec3::from_f32(target.centre) - T::Vec3::from_f32(source.centre);
             let distance = way.length();

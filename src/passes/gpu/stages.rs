@@ -165,7 +165,7 @@ impl Stages {
             far: Lists::new(
                 gpu,
                 "far links",
-                &[(&links.far, COEFFICIENTS + 2), (&links.sampled, 2)],
+                &[(&links.m2l[1], COEFFICIENTS + 2), (&links.sampled, 2)],
             )?,
             near: Lists::new(gpu, "near links", &[(&links.near, 2)])?,
             moments: gpu.storage("moments", n * COEFFICIENTS * VECTOR)?,
