@@ -7,6 +7,7 @@
 //! a facet F is expanded in Cartesian tensors about its centre, red, green and blue together.
 
 mod form_factor;
+pub mod hausner;
 mod kernel;
 mod tensor;
 
