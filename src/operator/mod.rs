@@ -6,12 +6,14 @@ mod fields;
 mod fmm;
 mod gpu;
 mod gpu_fields;
+mod hausner;
 
 pub use direct::{Direct, exact_irradiance};
 pub use fields::{Fields, HostFields};
 pub use fmm::Fmm;
 pub use gpu::GpuFmm;
 pub use gpu_fields::GpuFields;
+pub use hausner::Hausner;
 
 use crate::error::Result;
 
