@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 
-use super::basis::{Basis, functions};
+use super::basis::Basis;
+use super::function::functions;
 use super::source_matrix::SourceMatrix;
 
 /// What surfels around a centre send out, seen from afar (C.8).
@@ -33,7 +34,7 @@ impl<'a> Multipole<'a> {
             basis,
             centre,
             scale,
-            coefficients: vec![SourceMatrix::default(); basis.len()],
+            coefficients: vec![SourceMatrix::default(); basis.coefficients()],
         }
     }
 
@@ -64,10 +65,10 @@ impl<'a> Multipole<'a> {
     /// The coefficients with lengths in `unit`.
     fn in_unit(&self, unit: f64) -> Vec<SourceMatrix> {
         let ratio = self.scale / unit;
-        let powers = |n: usize| [0, 1, 2].map(|power| ratio.powi((n + power) as i32));
+        let powers = |n: i64| [0, 1, 2].map(|power| ratio.powi((n + power) as i32));
         functions(self.basis.order())
             .zip(&self.coefficients)
-            .map(|((n, _, _), c)| c.scaled(powers(n)))
+            .map(|(f, c)| c.scaled(powers(f.n)))
             .collect()
     }
 }
@@ -80,7 +81,7 @@ impl<'a> Local<'a> {
             basis,
             centre,
             scale,
-            coefficients: vec![SourceMatrix::default(); basis.len()],
+            coefficients: vec![SourceMatrix::default(); basis.coefficients()],
         }
     }
 
@@ -125,10 +126,10 @@ impl<'a> Local<'a> {
     fn add(&mut self, light: &[SourceMatrix], unit: f64, factor: f64) {
         // What the source has as a power of its place, the receiver has as 2 minus that power.
         let ratio = self.scale / unit;
-        let powers = |n: usize| [2, 1, 0].map(|power| ratio.powi((n + power) as i32));
+        let powers = |n: i64| [2, 1, 0].map(|power| ratio.powi((n + power) as i32));
         let all = functions(self.basis.order()).zip(light);
-        for (c, ((n, _, _), light)) in self.coefficients.iter_mut().zip(all) {
-            c.add(&light.scaled(powers(n)), factor);
+        for (c, (f, light)) in self.coefficients.iter_mut().zip(all) {
+            c.add(&light.scaled(powers(f.n)), factor);
         }
     }
 }

@@ -70,7 +70,7 @@ pub fn wigner_3j(j: [i64; 3], m: [i64; 3]) -> f64 {
 }
 
 /// The integral of conj Y_L^M Y_l1^m1 Y_l2^(M-m1) over the sphere: (LM|l1 m1|l2 m2) of (C.15).
-pub(super) fn gaunt([l, m]: [i64; 2], [l1, m1]: [i64; 2], l2: i64) -> f64 {
+pub(super) fn gaunt(l: i64, m: i64, l1: i64, m1: i64, l2: i64) -> f64 {
     let weight = (2 * l + 1) * (2 * l1 + 1) * (2 * l2 + 1);
     sign(m)
         * (weight as f64 / (4.0 * PI)).sqrt()

@@ -25,12 +25,15 @@
 
 mod basis;
 mod expansions;
+mod function;
 mod harmonics;
 mod sack;
 mod source_matrix;
+mod translation;
 
-pub use basis::{Basis, functions, index};
+pub use basis::Basis;
 pub use expansions::{Local, Multipole};
+pub use function::{Function, functions};
 pub use harmonics::{spherical_harmonics, wigner_3j};
-pub use sack::{e, j};
+pub use sack::{e, sack_j};
 pub use source_matrix::SourceMatrix;
