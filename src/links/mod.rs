@@ -4,10 +4,12 @@ mod build;
 mod csr;
 mod facing;
 mod judge;
+mod spans;
 
 pub use build::{Accuracy, build};
 pub use csr::{Entry, Rows};
 pub use facing::Facing;
+pub use spans::Span;
 
 /// The interaction lists of one operator. Every pair of surfels that see each other is in exactly
 /// one of them, unless its source is dark or what it brings is too little to be seen by samples.
