@@ -11,7 +11,7 @@
 use rayon::prelude::*;
 
 use super::judge::{Judge, Outcome, Pair, Sample, Verdict};
-use super::{Entry, Links, Rows};
+use super::{Accuracy, Entry, Links, Rows};
 use crate::error::{Error, Result};
 use crate::expansion::Surface;
 use crate::memory;
@@ -20,19 +20,6 @@ use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::random::Purpose;
 use crate::visibility::{Segment, Visibility};
-
-/// What the links may get wrong, and where it matters.
-#[derive(Clone, Debug)]
-pub struct Accuracy {
-    /// Irradiance that a link may be off by, before the factors of the targets.
-    pub error: f32,
-    /// A facet: largest radiosity of a surfel in it.
-    pub radiosity: Vec<f32>,
-    /// A facet: factor on `error` for links that end there (dark places need more care).
-    pub target_factor: Vec<f32>,
-    /// Seed of the segments that are drawn.
-    pub seed: u64,
-}
 
 /// Units of progress: a pair that splits hands its share on to its children in equal parts.
 const SHARES: u64 = 1 << 20;

@@ -1,12 +1,14 @@
 //! Links: which facet or surfel takes light from which, and how much of it gets through.
 
+mod accuracy;
 mod build;
 mod csr;
 mod facing;
 mod judge;
 mod spans;
 
-pub use build::{Accuracy, build};
+pub use accuracy::Accuracy;
+pub use build::build;
 pub use csr::{Entry, Rows};
 pub use facing::Facing;
 pub use spans::Span;
