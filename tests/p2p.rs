@@ -5,7 +5,7 @@ mod common;
 
 use common::{clutter, random, room, sphere};
 use fmmgi_gpu::Surfels;
-use fmmgi_gpu::expansion::{Surface, point_kernel};
+use fmmgi_gpu::expansion::Surface;
 use fmmgi_gpu::links::{Entry, Rows};
 use fmmgi_gpu::math::{Real, Vector};
 use fmmgi_gpu::octree::Octree;
@@ -96,6 +96,9 @@ impl Case {
             for (s, weight) in self.rows.row(t) {
                 for i in target.surfels() {
                     for j in self.octree.facets[s].surfels() {
+                        if surface.is_near(i, j) {
+                            continue;
+                        }
                         let form_factor = surface.point_form_factor(i, j);
                         irradiance[i] += radiosity[j] * (form_factor * f64::from(weight));
                     }

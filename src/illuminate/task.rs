@@ -35,6 +35,8 @@ pub(super) struct Task<'a> {
     pub octree: &'a Octree,
     pub visibility: &'a Counted<'a>,
     pub tolerance: f64,
+    /// Largest order of the expansions.
+    pub order: usize,
     pub max_bounces: Option<u32>,
     pub seed: u64,
     pub progress: &'a dyn Progress,
@@ -188,7 +190,14 @@ impl Task<'_> {
         irradiance: Option<&[DVec3]>,
         relative: f64,
     ) -> Accuracy {
-        Accuracy::new(self.octree, reflected, irradiance, relative, self.seed)
+        Accuracy::new(
+            self.octree,
+            reflected,
+            irradiance,
+            relative,
+            self.order,
+            self.seed,
+        )
     }
 
     fn work<'w>(&'w self, lights: &'w [DVec3], start: Option<&'w [DVec3]>, stop: Stop) -> Work<'w> {

@@ -8,6 +8,8 @@ use crate::octree::Octree;
 /// What the links may get wrong, and where it matters.
 #[derive(Clone, Debug)]
 pub struct Accuracy {
+    /// Largest order of the expansions.
+    pub order: usize,
     /// Irradiance that a link may be off by, before the factors of the targets.
     pub error: f32,
     /// A facet: largest radiosity of a surfel in it.
@@ -33,6 +35,7 @@ impl Accuracy {
         radiosity: &[DVec3],
         irradiance: Option<&[DVec3]>,
         relative: f64,
+        order: usize,
         seed: u64,
     ) -> Accuracy {
         let grey = |h: &DVec3| h.element_sum() / 3.0;
@@ -52,6 +55,7 @@ impl Accuracy {
         };
         let facets = &octree.facets;
         Accuracy {
+            order,
             error: (relative * level) as f32,
             radiosity: facets.par_iter().map(|f| strongest(f.surfels())).collect(),
             target_factor: facets.par_iter().map(|f| local(f.surfels())).collect(),

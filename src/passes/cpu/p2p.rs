@@ -2,7 +2,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::expansion::Surface;
+use crate::expansion::{NEAR_SPACINGS, Surface};
 use crate::links::{Rows, Span};
 use crate::math::{Real, Vector};
 use crate::octree::Octree;
@@ -16,10 +16,11 @@ const RECEIVERS: usize = 64;
 const SOURCES: usize = 512;
 
 /// P2P: adds what the surfels of each facet get, by the clamped point kernel, from those of the
-/// facets in its row, times the weight of the link. The kernel is computed on the fly.
+/// facets in its row, times the weight of the link. The kernel is computed on the fly. Pairs near
+/// each other ([`Surface::is_near`]) are left out: theirs are the stored form factors.
 ///
-/// An f32 pair takes 21 vector instructions for eight lanes, of which 15 (nine fused) compete for
-/// the two multipliers of a core: the floor is one cycle a pair; 1.2 were measured (Zen 5, AVX2).
+/// An f32 pair takes 24 vector instructions for eight lanes, of which 15 (nine fused) compete for
+/// the two multipliers of a core: the floor is one cycle a pair.
 pub fn p2p<T: Real>(
     octree: &Octree,
     surface: &Surface<T>,
@@ -47,7 +48,7 @@ pub fn p2p<T: Real>(
     }
 }
 
-/// Brute force: the irradiance of every surfel from all, unoccluded and by the point kernel alone.
+/// Brute force: the irradiance of every surfel from all that are not near it, unoccluded.
 pub fn all_pairs<T: Real>(surface: &Surface<T>, radiosity: &[T::Vec3]) -> Vec<T::Vec3> {
     let n = surface.len();
     let all = Span {
@@ -62,6 +63,8 @@ pub fn all_pairs<T: Real>(surface: &Surface<T>, radiosity: &[T::Vec3]) -> Vec<T:
 struct Sources<'a, T: Real> {
     surface: &'a Surface<T>,
     charges: Vec<T::Vec3>,
+    /// Square of the near range of each.
+    near: Vec<T>,
 }
 
 /// A value for each receiver of a group.
@@ -72,13 +75,17 @@ struct Group<T> {
     position: [Lanes<T>; 3],
     /// Against the normal.
     inward: [Lanes<T>; 3],
+    /// Square of the near range.
+    near: Lanes<T>,
 }
 
 impl<'a, T: Real> Sources<'a, T> {
     fn new(surface: &'a Surface<T>, radiosity: &[T::Vec3]) -> Self {
         let charge = |(&b, &area): (&T::Vec3, &T)| b * (area / T::PI);
+        let near_range = T::from_f64(NEAR_SPACINGS * NEAR_SPACINGS);
         Sources {
             surface,
+            near: surface.areas.iter().map(|&a| near_range * a).collect(),
             charges: radiosity
                 .par_iter()
                 .zip(&surface.areas)
@@ -132,6 +139,7 @@ impl<'a, T: Real> Sources<'a, T> {
         Group {
             position: of(&self.surface.positions, T::ONE),
             inward: of(&self.surface.normals, -T::ONE),
+            near: std::array::from_fn(|l| self.near[receivers[l.min(receivers.len() - 1)]]),
         }
     }
 
@@ -170,19 +178,28 @@ impl<'a, T: Real> Sources<'a, T> {
                 multiply_add(a[1], b[1], multiply_add(a[2], b[2], c)),
             )
         };
-        // A surfel has cosines 0 to itself: with this as r² they stay 0. Others do not feel it.
-        let smallest = T::from_f64(1e-36);
         let positions = &self.surface.positions[sources.clone()];
         let normals = &self.surface.normals[sources.clone()];
+        let near = &self.near[sources.clone()];
         let charges = &self.charges[sources];
         let mut sum = [[T::ZERO; LANES]; 3];
-        for ((y, n), q) in positions.iter().zip(normals).zip(charges) {
+        for (((y, n), q), &near) in positions.iter().zip(normals).zip(charges).zip(near) {
             let [y, n, q] = [y, n, q].map(|v| v.to_array());
             for l in 0..LANES {
                 // From the source to the receiver, with `point_kernel`'s order of operations.
                 let r = [0, 1, 2].map(|c| group.position[c][l] - y[c]);
                 let inward = [0, 1, 2].map(|c| group.inward[c][l]);
-                let inverse = T::ONE / dot(r, r, smallest);
+                let square = dot(r, r, T::ZERO);
+                let range = if near > group.near[l] {
+                    near
+                } else {
+                    group.near[l]
+                };
+                let inverse = if square < range {
+                    T::ZERO
+                } else {
+                    T::ONE / square
+                };
                 let cos_x = positive(dot(inward, r, T::ZERO));
                 let cos_y = positive(dot(n, r, T::ZERO));
                 let kernel = (cos_x * inverse) * (cos_y * inverse);
