@@ -61,6 +61,8 @@ pub trait Real:
     fn to_f64(self) -> f64;
     fn abs(self) -> Self;
     fn sqrt(self) -> Self;
+    /// self · a + b, rounded once: slow on machines without the instruction.
+    fn mul_add(self, a: Self, b: Self) -> Self;
     fn atan2(self, x: Self) -> Self;
     fn min(self, other: Self) -> Self;
     fn max(self, other: Self) -> Self;
@@ -122,6 +124,10 @@ macro_rules! real {
             #[inline(always)]
             fn sqrt(self) -> Self {
                 <$t>::sqrt(self)
+            }
+            #[inline(always)]
+            fn mul_add(self, a: Self, b: Self) -> Self {
+                <$t>::mul_add(self, a, b)
             }
             #[inline(always)]
             fn atan2(self, x: Self) -> Self {

@@ -33,6 +33,7 @@ impl Case {
         let (octree, surfels) = Octree::build(surfels, LEAF_SIZE);
         let facets = octree.facets.len();
         let accuracy = Accuracy {
+            order: 1,
             error,
             radiosity: vec![1.0; facets],
             target_factor: vec![1.0; facets],

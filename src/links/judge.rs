@@ -10,8 +10,9 @@ use crate::random::{Purpose, stream};
 
 /// Expansions hold where both radii together are at most this part of the distance.
 const MAX_OPENING: f32 = 0.6;
-/// Error of a first-order expansion, in units of opening² times the irradiance.
-const TRUNCATION: f32 = 0.7;
+/// Error of an expansion of order p, relative to the irradiance: opening · (RATE · opening)^p. That is
+/// twice the root mean square measured on flat patches, for openings of 0.15 to 0.55 and p up to 6.
+const RATE: f32 = 0.65;
 /// Links that can bring at most this part of the allowed error need no refinement.
 const NEGLIGIBLE: f32 = 0.5;
 /// Standard deviation that samples may show, as a part of the allowed error.
@@ -48,6 +49,11 @@ pub(super) enum Verdict {
     Split,
     /// Both are leaves: the surfels' form factors.
     Near(Vec<Sample>),
+    /// Nothing is in the way and all face each other: an expansion of this order.
+    Expand(usize),
+    /// Nothing is in the way and both are leaves: surfel by surfel, by the point kernel where they
+    /// are not near each other; these are the pairs that are.
+    Pairs(Vec<Sample>),
     /// May become a link, if the samples agree.
     Candidate(Candidate),
 }
@@ -65,6 +71,8 @@ pub(super) struct Candidate {
     pub allowed: f32,
     /// Both facets face each other entirely and an expansion is accurate enough.
     pub smooth: bool,
+    /// Order of that expansion.
+    pub order: usize,
     /// A mean kernel is accurate enough, if the samples agree.
     pub uniform: bool,
 }
@@ -74,6 +82,8 @@ pub(super) enum Outcome {
     Drop,
     Split,
     Near,
+    /// As the verdict of this name.
+    Pairs(Vec<Sample>),
     /// Weight, and whether nothing was seen in the way.
     Far(f32, bool),
     Sampled(f32),
@@ -84,6 +94,8 @@ pub(super) struct Judge<'a> {
     pub surface: &'a Surface<f32>,
     pub octree: &'a Octree,
     pub accuracy: &'a Accuracy,
+    /// Nothing can be in the way.
+    pub open: bool,
 }
 
 impl Judge<'_> {
@@ -102,7 +114,13 @@ impl Judge<'_> {
         let bound = radiosity * form_factor;
         let opening = (a.radius + b.radius) / facing.distance.max(f32::MIN_POSITIVE);
         let apart = opening < MAX_OPENING;
-        let expandable = apart && !facing.near && TRUNCATION * opening * opening * bound <= allowed;
+        let order = (apart && !facing.near)
+            .then(|| self.order(opening, allowed / bound))
+            .flatten();
+        if let (true, Some(order)) = (self.open && facing.full(), order) {
+            return Verdict::Expand(order);
+        }
+        let expandable = !self.open && order.is_some();
         let uniform = apart && bound * opening.max(0.3) <= allowed;
         let negligible = bound <= NEGLIGIBLE * allowed;
 
@@ -129,14 +147,26 @@ impl Judge<'_> {
                 bound,
                 allowed,
                 smooth: expandable && all_face,
+                order: self.accuracy.order,
                 uniform: uniform || negligible,
                 samples,
             });
         }
-        if a.is_leaf() && b.is_leaf() {
-            return Verdict::Near(self.all_pairs(pair));
+        match (a.is_leaf() && b.is_leaf(), self.open) {
+            (true, true) => Verdict::Pairs(self.near_pairs(pair, &facing)),
+            (true, false) => Verdict::Near(self.all_pairs(pair)),
+            (false, _) => Verdict::Split,
         }
-        Verdict::Split
+    }
+
+    /// The least order, of those at hand, whose error is at most this part of the irradiance.
+    fn order(&self, opening: f32, allowed: f32) -> Option<usize> {
+        let mut error = opening;
+        (0..=self.accuracy.order).find(|_| {
+            let enough = error <= allowed;
+            error *= RATE * opening;
+            enough
+        })
     }
 
     /// What the tested samples say of a candidate.
@@ -171,10 +201,10 @@ impl Judge<'_> {
             }
         }
         let (a, b) = self.facets(pair);
-        if a.is_leaf() && b.is_leaf() {
-            Outcome::Near
-        } else {
-            Outcome::Split
+        match (a.is_leaf() && b.is_leaf(), self.open) {
+            (true, true) => Outcome::Pairs(self.near_pairs(pair, &Facing::between(a, b))),
+            (true, false) => Outcome::Near,
+            (false, _) => Outcome::Split,
         }
     }
 
@@ -266,6 +296,18 @@ impl Judge<'_> {
             .collect()
     }
 
+    /// The pairs of surfels that are near each other, with their form factors.
+    fn near_pairs(&self, pair: Pair, facing: &Facing) -> Vec<Sample> {
+        if !facing.near {
+            return Vec::new();
+        }
+        let mut pairs = self.all_pairs(pair);
+        pairs.retain(|s| {
+            s.weight > 0.0 && self.surface.is_near(s.target as usize, s.source as usize)
+        });
+        pairs
+    }
+
     /// All pairs of surfels.
     pub fn all_pairs(&self, pair: Pair) -> Vec<Sample> {
         let (a, b) = self.facets(pair);
@@ -297,7 +339,7 @@ impl Verdict {
         match self {
             Verdict::Near(samples) => samples,
             Verdict::Candidate(c) => &c.samples,
-            Verdict::Drop | Verdict::Split => &[],
+            Verdict::Drop | Verdict::Split | Verdict::Expand(_) | Verdict::Pairs(_) => &[],
         }
     }
 }

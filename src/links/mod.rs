@@ -1,13 +1,17 @@
 //! Links: which facet or surfel takes light from which, and how much of it gets through.
 
+mod accuracy;
 mod build;
 mod csr;
 mod facing;
 mod judge;
+mod spans;
 
-pub use build::{Accuracy, build};
+pub use accuracy::Accuracy;
+pub use build::build;
 pub use csr::{Entry, Rows};
 pub use facing::Facing;
+pub use spans::Span;
 
 /// The interaction lists of one operator. Every pair of surfels that see each other is in exactly
 /// one of them, unless its source is dark or what it brings is too little to be seen by samples.

@@ -6,7 +6,7 @@ use crate::links::Links;
 use crate::math::Real;
 use crate::octree::Octree;
 use crate::operator::{HostFields, TransportOperator};
-use crate::passes::cpu::{l2l, l2p, m2l, m2m, near_field, p2m};
+use crate::passes::cpu::{l2l, l2p, m2l, m2m, near_field, p2m, p2p};
 use crate::points::Surfels;
 
 /// The operator on the CPU: f32 is the product, f64 its reference.
@@ -42,6 +42,13 @@ impl<T: Real> TransportOperator for Fmm<'_, T> {
         let mut locals = m2l(self.octree, self.links, &moments);
         l2l(self.octree, &mut locals);
         let mut irradiance = l2p(self.octree, &self.surface, &locals);
+        p2p(
+            self.octree,
+            &self.surface,
+            &self.links.p2p,
+            radiosity,
+            &mut irradiance,
+        );
         near_field::<T>(&self.links.near, radiosity, &mut irradiance);
         Ok(irradiance)
     }

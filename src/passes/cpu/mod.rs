@@ -6,6 +6,7 @@ mod m2l;
 mod m2m;
 mod near_field;
 mod p2m;
+mod p2p;
 
 pub use l2l::l2l;
 pub use l2p::l2p;
@@ -13,3 +14,4 @@ pub use m2l::m2l;
 pub use m2m::m2m;
 pub use near_field::near_field;
 pub use p2m::p2m;
+pub use p2p::{all_pairs, p2p};
