@@ -86,12 +86,17 @@ impl Room {
         Rows::new(self.facets(), pairs.map(entry).collect())
     }
 
-    /// The surfels of pairs of facets.
-    fn near(&self, pairs: impl Iterator<Item = (usize, usize)>) -> Rows {
+    /// The surfels of pairs of facets, as far as they are taken.
+    fn near(
+        &self,
+        pairs: impl Iterator<Item = (usize, usize)>,
+        taken: impl Fn(usize, usize) -> bool,
+    ) -> Rows {
         let mut entries = Vec::new();
         for (t, s) in pairs {
             for i in self.octree.facets[t].surfels() {
-                entries.extend(self.octree.facets[s].surfels().map(|j| Entry {
+                let sources = self.octree.facets[s].surfels().filter(|&j| taken(i, j));
+                entries.extend(sources.map(|j| Entry {
                     target: i as u32,
                     source: j as u32,
                     weight: self.surface.point_form_factor(i, j) as f32,
@@ -107,31 +112,25 @@ impl Room {
         let mut links = Links::none(self.facets(), self.surfels.len());
         links.m2l = vec![Rows::none(self.facets()); order];
         links.m2l.push(self.rows(far.into_iter()));
-        links.near = self.near(close.into_iter());
+        links.near = self.near(close.into_iter(), |_, _| true);
         links
     }
 
-    /// Every kind of link: separated pairs by M2L, M2P and P2L in turn, leaves by P2P or near.
+    /// Every kind of link: separated pairs by M2L, M2P and P2L in turn, leaves by P2P with its near
+    /// pairs.
     fn mixed_links(&self, order: usize) -> Links {
         let [far, close] = self.pairs();
         let far = |kind: usize| {
-            far.iter()
-                .copied()
-                .filter(move |(t, s)| (t + s) % 3 == kind)
-        };
-        let close = |kind: usize| {
-            close
-                .iter()
-                .copied()
-                .filter(move |(t, s)| (t + s) % 2 == kind)
+            let of_kind = move |(t, s): &(usize, usize)| (t + s) % 3 == kind;
+            self.rows(far.iter().copied().filter(of_kind))
         };
         let mut links = Links::none(self.facets(), self.surfels.len());
         links.m2l = vec![Rows::none(self.facets()); order];
-        links.m2l.push(self.rows(far(0)));
-        links.m2p = self.rows(far(1));
-        links.p2l = self.rows(far(2));
-        links.p2p = self.rows(close(0));
-        links.near = self.near(close(1));
+        links.m2l.push(far(0));
+        links.m2p = far(1);
+        links.p2l = far(2);
+        links.near = self.near(close.iter().copied(), |i, j| self.surface.is_near(i, j));
+        links.p2p = self.rows(close.into_iter());
         assert!(links.counts()[1..5].iter().all(|c| c.1 > 1000));
         links
     }

@@ -1,6 +1,6 @@
 //! The operator in the basis of the report.
 
-use std::ops::Range;
+use std::iter::successors;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,6 +11,7 @@ use crate::expansion::hausner::{Basis, Local, Multipole};
 use crate::links::Links;
 use crate::octree::{Facet, Octree};
 use crate::operator::{HostFields, TransportOperator};
+use crate::passes::cpu::{near_field, p2p};
 use crate::points::Surfels;
 
 /// The operator with Hausner's functions for expansions: a reference for the Cartesian tensors, by
@@ -95,41 +96,45 @@ impl<'a> Hausner<'a> {
             })
             .collect();
         for level in 1..self.octree.depth() {
-            let Range { start, end } = self.octree.level(level);
-            let (above, rest) = locals.split_at_mut(start);
-            rest[..end - start]
+            let range = self.octree.level(level);
+            let (above, rest) = locals.split_at_mut(range.start);
+            rest[..range.len()]
                 .par_iter_mut()
-                .zip(&facets[start..end])
+                .zip(&facets[range])
                 .for_each(|(local, facet)| local.l2l(&above[facet.parent as usize]));
         }
         locals
     }
 
-    /// M2P, P2P and sampled links that end at facet `t`: irradiance of its surfel `i`.
-    fn received(
+    /// L2P at a leaf's surfels, and M2P and sampled links that end at the leaf or above.
+    fn at_leaf(
         &self,
-        t: usize,
-        i: usize,
-        radiosity: &[DVec3],
+        leaf: usize,
         flux: &[DVec3],
         multipoles: &[Multipole],
-    ) -> DVec3 {
+        locals: &[Local],
+    ) -> Vec<DVec3> {
         let (links, facets) = (self.links, &self.octree.facets);
-        let (normal, x) = (self.surface.normals[i], self.surface.positions[i]);
-        let mut irradiance = DVec3::ZERO;
-        for (s, fraction) in links.m2p.row(t) {
-            irradiance += multipoles[s].m2p(normal, x) * f64::from(fraction);
-        }
-        for (s, fraction) in links.p2p.row(t) {
-            let pair = |j: usize| radiosity[j] * self.surface.point_form_factor(i, j);
-            let light: DVec3 = facets[s].surfels().map(pair).sum();
-            irradiance += light * f64::from(fraction);
-        }
-        for (s, kernel) in links.sampled.row(t) {
-            let power: DVec3 = flux[facets[s].surfels()].iter().sum();
-            irradiance += power * f64::from(kernel);
-        }
-        irradiance
+        // Up to the root, which is its own parent.
+        let above = |&f: &usize| (f > 0).then(|| facets[f].parent as usize);
+        let targets: Vec<usize> = successors(Some(leaf), above).collect();
+        let sampled: DVec3 = targets
+            .iter()
+            .flat_map(|&t| links.sampled.row(t))
+            .map(|(s, kernel)| flux[facets[s].surfels()].iter().sum::<DVec3>() * f64::from(kernel))
+            .sum();
+        facets[leaf]
+            .surfels()
+            .map(|i| {
+                let (normal, x) = (self.surface.normals[i], self.surface.positions[i]);
+                let m2p: DVec3 = targets
+                    .iter()
+                    .flat_map(|&t| links.m2p.row(t))
+                    .map(|(s, fraction)| multipoles[s].m2p(normal, x) * f64::from(fraction))
+                    .sum();
+                locals[leaf].l2p(normal, x) + m2p + sampled
+            })
+            .collect()
     }
 }
 
@@ -148,27 +153,20 @@ impl TransportOperator for Hausner<'_> {
         let facets = &self.octree.facets;
         let mut leaves: Vec<usize> = (0..facets.len()).filter(|&f| facets[f].is_leaf()).collect();
         leaves.sort_unstable_by_key(|&f| facets[f].begin);
-        let irradiance = |leaf: usize, i: usize| {
-            let mut sum = locals[leaf].l2p(self.surface.normals[i], self.surface.positions[i]);
-            // The leaf and all above it, down from the root, which is its own parent.
-            let mut t = leaf;
-            loop {
-                sum += self.received(t, i, radiosity, &flux, &multipoles);
-                if t == 0 {
-                    break;
-                }
-                t = facets[t].parent as usize;
-            }
-            for (j, form_factor) in self.links.near.row(i) {
-                sum += radiosity[j] * f64::from(form_factor);
-            }
-            sum
-        };
-        Ok(leaves
+        let mut irradiance: Vec<DVec3> = leaves
             .par_iter()
-            .flat_map_iter(|&leaf| facets[leaf].surfels().map(move |i| (leaf, i)))
-            .map(|(leaf, i)| irradiance(leaf, i))
-            .collect())
+            .flat_map_iter(|&leaf| self.at_leaf(leaf, &flux, &multipoles, &locals))
+            .collect();
+        let links = self.links;
+        p2p(
+            self.octree,
+            &self.surface,
+            &links.p2p,
+            radiosity,
+            &mut irradiance,
+        );
+        near_field::<f64>(&links.near, radiosity, &mut irradiance);
+        Ok(irradiance)
     }
 }
 
