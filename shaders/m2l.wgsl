@@ -8,8 +8,7 @@ fn moment(i: u32) -> vec3<f32> {
     return reals(moments(i)).xyz;
 }
 
-// Adds the field of facet `source` times the visible `fraction`; the formula is that of
-// `Local::add_moments`.
+// Adds the field of facet `source` times the visible `fraction`: the terms of order zero and one.
 fn add_moments(sum: ptr<function, Expansion>, to: vec4<f32>, source: u32, fraction: f32) {
     let facet = reals(facets(source * FACET_TEXELS));
     let way = to.xyz - facet.xyz;
@@ -20,10 +19,10 @@ fn add_moments(sum: ptr<function, Expansion>, to: vec4<f32>, source: u32, fracti
     let slope = strength * (to.w * inverse);
 
     let at = source * COEFFICIENTS;
-    let q = mat3x3(moment(at), moment(at + 1u), moment(at + 2u));
-    let m0 = mat3x3(moment(at + 3u), moment(at + 4u), moment(at + 5u));
-    let m1 = mat3x3(moment(at + 6u), moment(at + 7u), moment(at + 8u));
-    let m2 = mat3x3(moment(at + 9u), moment(at + 10u), moment(at + 11u));
+    let q = mat3x3(moment(at + 1u), moment(at + 2u), moment(at + 3u));
+    let m0 = mat3x3(moment(at + 4u), moment(at + 7u), moment(at + 10u));
+    let m1 = mat3x3(moment(at + 5u), moment(at + 8u), moment(at + 11u));
+    let m2 = mat3x3(moment(at + 6u), moment(at + 9u), moment(at + 12u));
 
     let uq = q * u;
     let trace = m0[0] + m1[1] + m2[2];
@@ -33,17 +32,11 @@ fn add_moments(sum: ptr<function, Expansion>, to: vec4<f32>, source: u32, fracti
     let first = um + outer(trace - umu * 4.0, u);
     (*sum).zeroth += (outer(uq, u) - first * source_scale) * strength;
 
-    let even = uq - (trace - umu * 4.0) * source_scale;
-    let steep = (trace * 4.0 - umu * 24.0) * source_scale - uq * 4.0;
-    let skew = um * (4.0 * source_scale);
-    let along = q + mu * (4.0 * source_scale) + skew;
+    let steep = uq * -4.0;
     let zero = vec3(0.0);
-    (*sum).first[0] += (along * u.x + outer(steep * u.x + skew[0], u)
-        - mat3x3(m0[0], m1[0], m2[0]) * source_scale + mat3x3(even, zero, zero)) * slope;
-    (*sum).first[1] += (along * u.y + outer(steep * u.y + skew[1], u)
-        - mat3x3(m0[1], m1[1], m2[1]) * source_scale + mat3x3(zero, even, zero)) * slope;
-    (*sum).first[2] += (along * u.z + outer(steep * u.z + skew[2], u)
-        - mat3x3(m0[2], m1[2], m2[2]) * source_scale + mat3x3(zero, zero, even)) * slope;
+    (*sum).first[0] += (q * u.x + outer(steep * u.x, u) + mat3x3(uq, zero, zero)) * slope;
+    (*sum).first[1] += (q * u.y + outer(steep * u.y, u) + mat3x3(zero, uq, zero)) * slope;
+    (*sum).first[2] += (q * u.z + outer(steep * u.z, u) + mat3x3(zero, zero, uq)) * slope;
 }
 
 fn m2l(i: u32) {
@@ -56,7 +49,7 @@ fn m2l(i: u32) {
     }
     for (var k = row.z; k < row.w; k++) {
         let entry = link(k);
-        sum.scalar += moment(entry.source * COEFFICIENTS + 12u) * entry.weight;
+        sum.scalar += moment(entry.source * COEFFICIENTS) * entry.weight;
     }
     store_locals(row.x, sum);
 }

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{clutter, gpu, polygons, random, room, sphere};
-use fmmgi_gpu::expansion::{Local, Moments, Surface};
+use fmmgi_gpu::expansion::{Expansions, Surface};
 use fmmgi_gpu::links::{self, Accuracy, Entry, Links, Rows};
 use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Fields, Fmm, GpuFields, GpuFmm, HostFields, TransportOperator};
@@ -165,24 +165,8 @@ fn run(result: &Buffer, record: impl FnOnce(&mut Batch) -> Result<()>) -> Vec<Ve
 }
 
 /// Expansions in the device's layout.
-fn moments_as_colours(moments: &[Moments<f32>]) -> Vec<Vec3> {
-    moments
-        .iter()
-        .flat_map(|m| {
-            let dipole = m.dipole.iter().flatten();
-            m.charge.iter().chain(dipole).chain([&m.power]).copied()
-        })
-        .collect()
-}
-
-fn locals_as_colours(locals: &[Local<f32>]) -> Vec<Vec3> {
-    locals
-        .iter()
-        .flat_map(|l| {
-            let gradient = l.gradient.iter().flatten();
-            l.field.iter().chain(gradient).chain([&l.constant]).copied()
-        })
-        .collect()
+fn as_colours(expansions: &Expansions<f32>) -> Vec<Vec3> {
+    expansions.as_slice().iter().map(|&c| c.into()).collect()
 }
 
 /// Largest difference in units of the largest value.
@@ -229,31 +213,31 @@ fn each_stage_is_like_its_twin() {
         };
 
         poison(&stages.moments);
-        let mut moments = cpu::p2m(octree, &surface, &radiosity);
+        let mut moments = cpu::p2m(1, octree, &surface, &radiosity);
         let found = run(&stages.moments, |batch| {
             stages.take(batch, &field);
             stages.p2m(batch)
         });
-        same("p2m", &found, &moments_as_colours(&moments));
+        same("p2m", &found, &as_colours(&moments));
 
-        let before = moments_as_colours(&moments);
+        let before = as_colours(&moments);
         fill(&stages.moments, &vectors(&before));
         cpu::m2m(octree, &mut moments);
         let found = run(&stages.moments, |batch| stages.m2m(batch));
-        same("m2m", &found, &moments_as_colours(&moments));
+        same("m2m", &found, &as_colours(&moments));
 
-        fill(&stages.moments, &vectors(&moments_as_colours(&moments)));
+        fill(&stages.moments, &vectors(&as_colours(&moments)));
         poison(&stages.locals);
         let mut locals = cpu::m2l(octree, links, &moments);
         let found = run(&stages.locals, |batch| stages.m2l(batch));
-        same("m2l", &found, &locals_as_colours(&locals));
+        same("m2l", &found, &as_colours(&locals));
 
-        fill(&stages.locals, &vectors(&locals_as_colours(&locals)));
+        fill(&stages.locals, &vectors(&as_colours(&locals)));
         cpu::l2l(octree, &mut locals);
         let found = run(&stages.locals, |batch| stages.l2l(batch));
-        same("l2l", &found, &locals_as_colours(&locals));
+        same("l2l", &found, &as_colours(&locals));
 
-        fill(&stages.locals, &vectors(&locals_as_colours(&locals)));
+        fill(&stages.locals, &vectors(&as_colours(&locals)));
         let irradiance = buffer(&vec![Vec3::NAN; case.surfels.len()]);
         let mut expected = cpu::l2p(octree, &surface, &locals);
         let found = run(&irradiance, |batch| stages.l2p(batch, &irradiance));

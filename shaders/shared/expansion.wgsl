@@ -1,15 +1,16 @@
-// Expansions as in src/expansion/tensor.rs, red, green and blue together: a matrix holds one colour
-// a column.
+// Expansions of first order as in src/expansion/tensor, red, green and blue together: a matrix holds
+// one colour a column.
 struct Expansion {
+    // The power, or what does not depend on the normal.
+    scalar: vec3<f32>,
     // Column k is the charge Q_k, or the field F_k.
     zeroth: mat3x3<f32>,
     // Column l of matrix k is the dipole M_kl, or the gradient G_kl.
     first: array<mat3x3<f32>, 3>,
-    // The power, or what does not depend on the normal.
-    scalar: vec3<f32>,
 }
 
-// In memory: so many vectors of red, green, blue and 0, in the order of the struct.
+// In memory: so many vectors of red, green, blue and 0: the scalar, the zeroth order, then column 0 of
+// the three matrices of first order, column 1, column 2.
 const COEFFICIENTS = 13u;
 
 // What the texels of the table of facets hold.

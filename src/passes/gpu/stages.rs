@@ -6,6 +6,7 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 
 use crate::error::Result;
+use crate::expansion::coefficients;
 use crate::links::{Links, Rows};
 use crate::octree::{self, Octree};
 use crate::points::Surfels;
@@ -14,9 +15,9 @@ use super::batch::{Batch, Pieces};
 use super::wgsl::{L2L, L2P, M2L, M2M, NEAR_FIELD, P2M};
 use super::{Gpu, Pipeline, Table};
 
-/// Coefficients of an expansion, each a vector of red, green, blue and 0: three of order zero,
-/// nine of order one, row by row, and one more (see `expansion::Moments` and `expansion::Local`).
-pub const COEFFICIENTS: usize = 13;
+/// Coefficients of an expansion of first order, each a vector of red, green, blue and 0, in the order
+/// of `expansion::Expansions`.
+pub const COEFFICIENTS: usize = coefficients(1);
 /// Bytes of a vector.
 const VECTOR: usize = 16;
 
