@@ -10,10 +10,10 @@
 
 use rayon::prelude::*;
 
-use super::judge::{Judge, Outcome, Pair, Sample, Verdict};
+use super::judge::{Judge, ORDER, Outcome, Pair, Sample, Verdict};
 use super::{Entry, Links, Rows};
 use crate::error::{Error, Result};
-use crate::expansion::Surface;
+use crate::expansion::{Indices, Surface};
 use crate::memory;
 use crate::octree::Octree;
 use crate::points::Surfels;
@@ -48,12 +48,14 @@ pub fn build(
     progress: &dyn Progress,
 ) -> Result<Links> {
     let surface = Surface::new(surfels);
+    let indices = Indices::new(ORDER);
     let mut traversal = Traversal {
         surfels,
         judge: Judge {
             surface: &surface,
             octree,
             accuracy,
+            indices: &indices,
         },
         visibility,
         far: Vec::new(),

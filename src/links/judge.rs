@@ -1,15 +1,17 @@
 //! What may become a link: bounds first, then samples.
 
-use glam::Vec3;
+use glam::Vec3A;
 use rand::RngExt;
 
 use super::{Accuracy, Facing};
-use crate::expansion::{Local, Moments, Surface};
+use crate::expansion::{Indices, Surface, Workspace, coefficients};
 use crate::octree::{Facet, Octree};
 use crate::random::{Purpose, stream};
 
 /// Expansions hold where both radii together are at most this part of the distance.
 const MAX_OPENING: f32 = 0.6;
+/// Order of the expansions.
+pub(super) const ORDER: usize = 1;
 /// Error of a first-order expansion, in units of opening² times the irradiance.
 const TRUNCATION: f32 = 0.7;
 /// Links that can bring at most this part of the allowed error need no refinement.
@@ -84,6 +86,8 @@ pub(super) struct Judge<'a> {
     pub surface: &'a Surface<f32>,
     pub octree: &'a Octree,
     pub accuracy: &'a Accuracy,
+    /// Of expansions of order [`ORDER`].
+    pub indices: &'a Indices,
 }
 
 impl Judge<'_> {
@@ -204,25 +208,17 @@ impl Judge<'_> {
         let (a, b) = self.facets(pair);
         let s = self.surface;
         let way = a.centre - b.centre;
-        let distance = way.length();
+        let mut workspace = Workspace::<f32>::new(self.indices);
         let expanded: f32 = samples
             .iter()
             .map(|sample| {
                 let (i, j) = (sample.target as usize, sample.source as usize);
-                let mut moments = Moments::<f32>::default();
+                let [mut moments, mut local] = [[Vec3A::ZERO; coefficients(ORDER)]; 2];
                 let place = (s.positions[j] - b.centre) / b.scale();
-                moments.add_surfel(Vec3::splat(s.areas[j]), s.normals[j], place);
-                let mut local = Local::default();
-                local.add_moments(
-                    &moments,
-                    way / distance,
-                    distance,
-                    b.scale() / distance,
-                    a.scale() / distance,
-                    1.0,
-                );
+                workspace.p2m(Vec3A::splat(s.areas[j]), s.normals[j], place, &mut moments);
+                workspace.m2l(ORDER, &moments, b.scale(), way, a.scale(), 1.0, &mut local);
                 let place = (s.positions[i] - a.centre) / a.scale();
-                local.irradiance(s.normals[i], place).x
+                workspace.l2p(&local, s.normals[i], place).x
             })
             .sum();
         let fraction = match expanded > 0.0 {

@@ -125,11 +125,7 @@ impl Piece {
 }
 
 /// Cuts items into pieces of about [`PIECE`] work and, where items allow it, at most `most` targets.
-fn cut(
-    items: Range<u32>,
-    most: usize,
-    each: impl Fn(u32) -> (usize, Range<u32>),
-) -> Vec<Piece> {
+fn cut(items: Range<u32>, most: usize, each: impl Fn(u32) -> (usize, Range<u32>)) -> Vec<Piece> {
     let mut pieces: Vec<Piece> = Vec::new();
     let mut full = true;
     for i in items {

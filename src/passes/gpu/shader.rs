@@ -3,9 +3,10 @@
 use wgpu::BindingResource;
 
 use crate::error::Result;
+use crate::expansion::{coefficients, count};
 
+use super::unroll::{derivatives, unroll};
 use super::wgsl::KERNEL;
-use super::unroll::{derivatives, indices, unroll};
 use super::{Gpu, TABLE_WIDTH};
 
 /// Invocations a workgroup, of all stages.
@@ -20,11 +21,6 @@ pub const MAX_ORDER: usize = 6;
 /// Stages do red, green and blue together up to this order, and one colour an invocation beyond:
 /// three times as many coefficients at once take long to compile and no longer fit registers.
 const RGB_ORDER: usize = 3;
-
-/// Vectors of light of an expansion: the scalar, and a vector for each multi-index.
-pub const fn coefficients(order: usize) -> usize {
-    1 + 3 * indices(order)
-}
 
 /// A stage: its entry point is `main`.
 #[derive(Clone, Copy)]
@@ -64,7 +60,10 @@ impl Shader {
         let (order, name) = (self.order, self.name);
         let stride = coefficients(self.full_order);
         let (invocations, call) = match self.by_colour() {
-            true => (3, format!("channel = i % 3u; {name}(range.first + i / 3u);")),
+            true => (
+                3,
+                format!("channel = i % 3u; {name}(range.first + i / 3u);"),
+            ),
             false => (1, format!("{name}(range.first + i);")),
         };
         let mut source = format!(
@@ -76,7 +75,7 @@ impl Shader {
              const STRIDE = {stride}u;\n\
              const BEGINS = {};\n\
              {}",
-            indices(order),
+            count(order),
             self.order == self.full_order,
             include_str!("../../../shaders/shared/invocation.wgsl")
         );

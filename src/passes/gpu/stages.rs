@@ -5,13 +5,14 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 
 use crate::error::{Error, Result};
-use crate::links::{Links, Rows};
+use crate::expansion::coefficients;
+use crate::links::{Entry, Links, Rows};
 use crate::octree::{self, Octree};
 use crate::points::Surfels;
 
 use super::batch::{Batch, Pieces, VECTOR, Vectors};
 use super::lists::{Layout, Lists};
-use super::shader::{MAX_ORDER, Shader, coefficients};
+use super::shader::{MAX_ORDER, Shader};
 use super::wgsl::{L2L, L2P, M2L, M2M, M2P, NEAR_FIELD, P2L, P2M};
 use super::{Gpu, Pipeline, Table};
 
@@ -86,7 +87,7 @@ impl Stages {
     /// Fails with `Error::TooLarge` if expansions or links exceed the largest buffer or texture of
     /// the device, and with `Error::Invalid` beyond [`MAX_ORDER`].
     pub fn new(gpu: &Gpu, surfels: &Surfels, octree: &Octree, links: &Links) -> Result<Stages> {
-        let order = links.m2l.len().max(1) - 1;
+        let order = links.order();
         if order > MAX_ORDER {
             return Err(Error::Invalid(format!(
                 "expansions of order {order}: on a device they go to {MAX_ORDER}"
@@ -137,7 +138,11 @@ impl Stages {
             if !rows.is_empty() {
                 let kinds = [(rows, translation(lower))];
                 let stage = M2L.of_order(lower, order);
-                m2l.push(Linked::new(gpu, &stage, &Layout::new(&kinds, coefficients))?);
+                m2l.push(Linked::new(
+                    gpu,
+                    &stage,
+                    &Layout::new(&kinds, coefficients),
+                )?);
             }
         }
         let mean = surfels.len() / n.max(1) + 1;
@@ -147,13 +152,14 @@ impl Stages {
         };
         let kinds = [(&links.p2l, mean * 2 * coefficients)];
         let p2l = direct(&P2L, &links.p2l, &Layout::new(&kinds, coefficients))?;
-        let kinds = [(&links.m2p, mean * 3 * coefficients)];
+        let m2p = by_leaf(octree, &links.m2p);
+        let kinds = [(&m2p, mean * 3 * coefficients)];
         let surfels_of = |f: u32| octree.facets[f as usize].begin..octree.facets[f as usize].end;
         let by_surfel = Layout {
             targets: &surfels_of,
             ..Layout::new(&kinds, 1)
         };
-        let m2p = direct(&M2P, &links.m2p, &by_surfel)?;
+        let m2p = direct(&M2P, &m2p, &by_surfel)?;
         let kinds = [(&links.near, 2)];
         let near = Layout::new(&kinds, 1);
         Ok(Stages {
@@ -291,6 +297,23 @@ impl Linked {
             lists: Lists::new(gpu, stage.name, layout)?,
         })
     }
+}
+
+/// Links of the leaves: their own and those of the facets that hold them. So a surfel is in one row.
+fn by_leaf(octree: &Octree, links: &Rows) -> Rows {
+    let mut entries = Vec::new();
+    let leaves = (0..octree.facets.len()).filter(|&f| octree.facets[f].is_leaf());
+    for leaf in leaves {
+        let above = |&f: &usize| Some(octree.facets[f].parent as usize).filter(|&p| p != f);
+        for f in std::iter::successors(Some(leaf), above) {
+            entries.extend(links.row(f).map(|(source, weight)| Entry {
+                target: leaf as u32,
+                source: source as u32,
+                weight,
+            }));
+        }
+    }
+    Rows::new(octree.facets.len(), entries)
 }
 
 /// Work of a link: what it reads, and its sums over pairs of multi-indices, of which twenty take the

@@ -21,8 +21,10 @@
 use std::collections::HashMap;
 use std::fmt::Write;
 
+use crate::expansion::{Indices, count, position};
+
 /// A multi-index.
-type Index = [usize; 3];
+type Index = [u8; 3];
 
 #[derive(Clone, Copy)]
 enum Value {
@@ -33,32 +35,18 @@ enum Value {
 
 type Values<'a> = HashMap<&'a str, Value>;
 
-/// Number of multi-indices up to a degree.
-pub const fn indices(degree: usize) -> usize {
-    (degree + 1) * (degree + 2) * (degree + 3) / 6
-}
-
-/// Multi-indices of one degree in the order of the crate: x highest first.
-fn of_degree(degree: usize) -> impl Iterator<Item = Index> {
-    (0..=degree).rev().flat_map(move |x| {
-        (0..=degree - x)
-            .rev()
-            .map(move |y| [x, y, degree - x - y])
-    })
+/// Multi-indices of one degree, in order.
+fn of_degree(degree: usize) -> Vec<Index> {
+    let all = Indices::new(degree);
+    all.exponents()[Indices::of_degree(degree)].to_vec()
 }
 
 fn degree(a: Index) -> usize {
-    a.iter().sum()
+    a.into_iter().map(usize::from).sum()
 }
 
-/// Place of a multi-index among all.
-fn number(a: Index) -> usize {
-    let below = degree(a) - a[0];
-    (degree(a) * (degree(a) + 1) * (degree(a) + 2)) / 6 + below * (below + 1) / 2 + a[2]
-}
-
-fn factorial(n: usize) -> usize {
-    (1..=n).product()
+fn factorial(n: u8) -> usize {
+    (1..=usize::from(n)).product()
 }
 
 /// Writes out the loops of a text for expansions of one order.
@@ -133,13 +121,13 @@ fn bound(text: &str, values: &Values) -> isize {
             Some(name) => (-1, name),
             None => (1, term),
         };
-        let number = name.parse().unwrap_or_else(|_| {
-            match values.get(name.trim_matches('|')) {
+        let number = name
+            .parse()
+            .unwrap_or_else(|_| match values.get(name.trim_matches('|')) {
                 Some(&Value::Index(a)) => degree(a),
                 Some(&Value::Number(n)) => n,
                 _ => 0,
-            }
-        });
+            });
         sign * number as isize
     };
     signed.split('+').map(term).sum()
@@ -163,7 +151,7 @@ fn substitute(line: &str, values: &Values, out: &mut String) {
 
 fn evaluate(expression: &str, values: &Values) -> usize {
     if let Some(name) = expression.strip_suffix('!') {
-        return sum(name, values).map(factorial).iter().product();
+        return sum(name, values).map(factorial).into_iter().product();
     }
     if expression.starts_with('|') {
         return degree(sum(expression.trim_matches('|'), values));
@@ -180,9 +168,9 @@ fn evaluate(expression: &str, values: &Values) -> usize {
     let parts: Vec<&str> = expression.split(',').collect();
     match (&parts[..], values.get(expression)) {
         (_, Some(&Value::Number(n) | &Value::Axis(n))) => n,
-        ([a, k], _) => 1 + 3 * number(sum(a, values)) + axis(k),
-        ([a, i, k], _) => 9 * number(sum(a, values)) + 3 * axis(i) + axis(k),
-        _ => number(sum(expression, values)),
+        ([a, k], _) => 1 + 3 * position(sum(a, values)) + axis(k),
+        ([a, i, k], _) => 9 * position(sum(a, values)) + 3 * axis(i) + axis(k),
+        _ => position(sum(expression, values)),
     }
 }
 
@@ -206,16 +194,16 @@ fn sum(text: &str, values: &Values) -> Index {
 pub fn derivatives(most: usize) -> String {
     let mut out = format!(
         "fn derivatives(x: vec3<f32>) -> array<f32, {0}> {{\n    var g: array<f32, {0}>;\n",
-        indices(most)
+        count(most)
     );
-    let less = |mut a: Index, m: usize, by: usize| {
+    let less = |mut a: Index, m: usize, by: u8| {
         a[m] -= by;
-        number(a)
+        position(a)
     };
     for gamma in (1..=most).flat_map(of_degree) {
         let axes = (0..3).filter(|&k| gamma[k] > 0);
         let i = axes.min_by_key(|&k| gamma[k]).unwrap_or(0);
-        let _ = write!(out, "    g[{}] = ", number(gamma));
+        let _ = write!(out, "    g[{}] = ", position(gamma));
         let mut others = gamma;
         others[i] -= 1;
         let start = match (degree(gamma), gamma[i]) {
@@ -241,15 +229,6 @@ pub fn derivatives(most: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn multi_indices_are_numbered_in_order() {
-        let all = (0..=6).flat_map(of_degree);
-        assert!(all.clone().map(number).eq(0..indices(6)));
-        let second: Vec<Index> = of_degree(2).collect();
-        let expected = [[2, 0, 0], [1, 1, 0], [1, 0, 1], [0, 2, 0], [0, 1, 1], [0, 0, 2]];
-        assert_eq!(second, expected);
-    }
 
     #[test]
     fn loops_are_written_out() {
