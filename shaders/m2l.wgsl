@@ -9,11 +9,11 @@ fn m2l(i: u32) {
     var sum: array<Light, COEFFICIENTS>;
     for (var e = row.y; e < row.z; e++) {
         let entry = link(e);
-        let from = sphere(entry.source);
-        let way = to.xyz - from.xyz;
+        let source = sphere(entry.source);
+        let way = to.xyz - source.xyz;
         let inverse = 1.0 / length(way);
         let matrix = kernel(way * inverse, entry.weight * inverse * inverse);
-        let source_scale = degrees(-from.w * inverse);
+        let source_scale = degrees(-source.w * inverse);
         let target_scale = degrees(to.w * inverse);
         var moment: array<Light, COEFFICIENTS>;
         #for a of degree 0..=ORDER

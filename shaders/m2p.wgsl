@@ -12,13 +12,13 @@ fn m2p(k: u32) {
         var sum = Light();
         for (var e = row.y; e < row.z; e++) {
             let entry = link(e);
-            let from = sphere(entry.source);
-            let way = position - from.xyz;
+            let source = sphere(entry.source);
+            let way = position - source.xyz;
             if dot(normal, way) >= 0.0 {
                 continue;
             }
             let inverse = 1.0 / length(way);
-            let source_scale = degrees(-from.w * inverse);
+            let source_scale = degrees(-source.w * inverse);
             let vector = surfel_kernel(normal, way * inverse, entry.weight * inverse * inverse);
             #for a of degree 0..=ORDER
             #for k in axes

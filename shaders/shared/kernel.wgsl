@@ -5,16 +5,16 @@ const INVERSE_PI = 0.31830988618;
 fn kernel(u: vec3<f32>, strength: f32) -> array<f32, 9 * TERMS> {
     let half = 0.5 * INVERSE_PI * strength;
     let g = derivatives(u);
-    var kernel: array<f32, 9 * TERMS>;
+    var matrix: array<f32, 9 * TERMS>;
     #for a of degree 0..=ORDER
     #for i in axes
     #for k in axes
-    kernel[$(a,i,k)] = half * g[$(a+i+k)];
+    matrix[$(a,i,k)] = half * g[$(a+i+k)];
     #end
     #end
-    kernel[$(a,x,x)] = -half * (g[$(a+y+y)] + g[$(a+z+z)]);
-    kernel[$(a,y,y)] = -half * (g[$(a+z+z)] + g[$(a+x+x)]);
-    kernel[$(a,z,z)] = -half * (g[$(a+x+x)] + g[$(a+y+y)]);
+    matrix[$(a,x,x)] = -half * (g[$(a+y+y)] + g[$(a+z+z)]);
+    matrix[$(a,y,y)] = -half * (g[$(a+z+z)] + g[$(a+x+x)]);
+    matrix[$(a,z,z)] = -half * (g[$(a+x+x)] + g[$(a+y+y)]);
     #end
-    return kernel;
+    return matrix;
 }
