@@ -45,7 +45,7 @@ mod interact;
 mod translate;
 mod workspace;
 
-pub use indices::{Indices, count};
+pub use indices::{Indices, count, position};
 pub use workspace::Workspace;
 
 use crate::math::Real;
