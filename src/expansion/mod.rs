@@ -13,4 +13,4 @@ mod tensor;
 
 pub use form_factor::polygon_form_factor;
 pub use kernel::{NEAR_SPACINGS, Surface, point_kernel};
-pub use tensor::{Local, Moments};
+pub use tensor::{Expansions, Indices, Workspace, coefficients, count, position};

@@ -10,10 +10,10 @@
 
 use rayon::prelude::*;
 
-use super::judge::{Judge, Outcome, Pair, Sample, Verdict};
+use super::judge::{Judge, Outcome, Pair, Sample, Trial, Verdict};
 use super::{Accuracy, Entry, Links, Rows};
 use crate::error::{Error, Result};
-use crate::expansion::Surface;
+use crate::expansion::{Indices, Surface};
 use crate::memory;
 use crate::octree::Octree;
 use crate::points::Surfels;
@@ -35,6 +35,7 @@ pub fn build(
     progress: &dyn Progress,
 ) -> Result<Links> {
     let surface = Surface::new(surfels);
+    let indices = Indices::new(accuracy.order);
     let mut traversal = Traversal {
         surfels,
         judge: Judge {
@@ -44,6 +45,7 @@ pub fn build(
             open: visibility.is_open(),
         },
         visibility,
+        indices: &indices,
         m2l: vec![Vec::new(); accuracy.order + 1],
         p2p: Vec::new(),
         sampled: Vec::new(),
@@ -96,6 +98,7 @@ struct Traversal<'a> {
     surfels: &'a Surfels,
     judge: Judge<'a>,
     visibility: &'a dyn Visibility,
+    indices: &'a Indices,
     /// By order.
     m2l: Vec<Vec<Entry>>,
     p2p: Vec<Entry>,
@@ -137,10 +140,13 @@ impl Traversal<'_> {
             .par_iter()
             .zip(&visible)
             .zip(batch)
-            .map(|((verdict, visible), &pair)| match verdict {
-                Verdict::Candidate(c) => self.judge.decide(pair, c, visible),
-                _ => Outcome::Drop,
-            })
+            .map_init(
+                || Trial::new(self.indices),
+                |trial, ((verdict, visible), &pair)| match verdict {
+                    Verdict::Candidate(c) => self.judge.decide(pair, c, visible, trial),
+                    _ => Outcome::Drop,
+                },
+            )
             .collect();
 
         // Links that their samples selected are measured afresh; leaves whose samples disagree
@@ -159,6 +165,7 @@ impl Traversal<'_> {
             .collect();
         let fresh_visible = self.test(fresh.iter().map(Vec::as_slice))?;
 
+        let mut trial = Trial::new(self.indices);
         for (k, (verdict, outcome)) in verdicts.into_iter().zip(outcomes).enumerate() {
             let pair = batch[k];
             let entry = |weight| Entry {
@@ -187,9 +194,14 @@ impl Traversal<'_> {
                 }
                 (Verdict::Candidate(c), mut outcome) => {
                     if c.selected() {
-                        outcome =
-                            self.judge
-                                .measure(pair, &c, outcome, &fresh[k], &fresh_visible[k]);
+                        outcome = self.judge.measure(
+                            pair,
+                            &c,
+                            outcome,
+                            &fresh[k],
+                            &fresh_visible[k],
+                            &mut trial,
+                        );
                     }
                     match outcome {
                         Outcome::Far(fraction, smooth) if fraction > 0.0 => {

@@ -1,10 +1,10 @@
 //! What may become a link: bounds first, then samples.
 
-use glam::Vec3;
+use glam::Vec3A;
 use rand::RngExt;
 
 use super::{Accuracy, Facing};
-use crate::expansion::{Local, Moments, Surface};
+use crate::expansion::{Indices, Surface, Workspace, coefficients};
 use crate::octree::{Facet, Octree};
 use crate::random::{Purpose, stream};
 
@@ -170,7 +170,13 @@ impl Judge<'_> {
     }
 
     /// What the tested samples say of a candidate.
-    pub fn decide(&self, pair: Pair, c: &Candidate, visible: &[bool]) -> Outcome {
+    pub fn decide(
+        &self,
+        pair: Pair,
+        c: &Candidate,
+        visible: &[bool],
+        trial: &mut Trial,
+    ) -> Outcome {
         let none_face = c.samples.iter().all(|s| s.weight == 0.0);
         if none_face && (c.negligible || c.exhaustive) {
             return Outcome::Drop;
@@ -180,7 +186,7 @@ impl Judge<'_> {
             let fraction = seen / c.samples.iter().map(|s| s.weight).sum::<f32>();
             let deviation = (fraction * (1.0 - fraction)).max(0.0).sqrt();
             if c.negligible || c.bound * deviation <= MAX_DEVIATION * c.allowed {
-                return self.far(pair, &c.samples, visible);
+                return self.far(pair, c.order, &c.samples, visible, trial);
             }
         } else if c.uniform {
             let (mean, square) = c
@@ -216,9 +222,10 @@ impl Judge<'_> {
         accepted: Outcome,
         samples: &[Sample],
         visible: &[bool],
+        trial: &mut Trial,
     ) -> Outcome {
         match accepted {
-            Outcome::Far(..) => self.far(pair, samples, visible),
+            Outcome::Far(..) => self.far(pair, c.order, samples, visible, trial),
             Outcome::Sampled(_) => {
                 let mean = visible_weight(samples, visible) / c.drawn as f32;
                 Outcome::Sampled(self.kernel(pair, mean))
@@ -230,30 +237,17 @@ impl Judge<'_> {
     /// A far link. Its weight is the light seen by the samples relative to what the expansions give
     /// for the same samples. So the error of truncation, which has the same sign in most links and
     /// adds up, is left in the noise of the samples, which has not.
-    fn far(&self, pair: Pair, samples: &[Sample], visible: &[bool]) -> Outcome {
-        let (a, b) = self.facets(pair);
-        let s = self.surface;
-        let way = a.centre - b.centre;
-        let distance = way.length();
+    fn far(
+        &self,
+        pair: Pair,
+        order: usize,
+        samples: &[Sample],
+        visible: &[bool],
+        trial: &mut Trial,
+    ) -> Outcome {
         let expanded: f32 = samples
             .iter()
-            .map(|sample| {
-                let (i, j) = (sample.target as usize, sample.source as usize);
-                let mut moments = Moments::<f32>::default();
-                let place = (s.positions[j] - b.centre) / b.scale();
-                moments.add_surfel(Vec3::splat(s.areas[j]), s.normals[j], place);
-                let mut local = Local::default();
-                local.add_moments(
-                    &moments,
-                    way / distance,
-                    distance,
-                    b.scale() / distance,
-                    a.scale() / distance,
-                    1.0,
-                );
-                let place = (s.positions[i] - a.centre) / a.scale();
-                local.irradiance(s.normals[i], place).x
-            })
+            .map(|&sample| trial.irradiance(self, pair, order, sample))
             .sum();
         let fraction = match expanded > 0.0 {
             true => (visible_weight(samples, visible) / expanded).min(MAX_FRACTION),
@@ -324,6 +318,44 @@ impl Judge<'_> {
     pub fn facets(&self, pair: Pair) -> (&Facet, &Facet) {
         let facets = &self.octree.facets;
         (&facets[pair.target as usize], &facets[pair.source as usize])
+    }
+}
+
+/// One pair of surfels, expanded.
+pub(super) struct Trial<'a> {
+    workspace: Workspace<'a, f32>,
+    moments: Vec<Vec3A>,
+    local: Vec<Vec3A>,
+}
+
+impl<'a> Trial<'a> {
+    pub fn new(indices: &'a Indices) -> Self {
+        let zeros = vec![Vec3A::ZERO; coefficients(indices.order())];
+        Trial {
+            workspace: Workspace::new(indices),
+            moments: zeros.clone(),
+            local: zeros,
+        }
+    }
+
+    /// What an expansion of this order between two facets gives for a pair of their surfels.
+    fn irradiance(&mut self, judge: &Judge, pair: Pair, order: usize, sample: Sample) -> f32 {
+        let (a, b) = judge.facets(pair);
+        let s = judge.surface;
+        let (i, j) = (sample.target as usize, sample.source as usize);
+        let Trial {
+            workspace,
+            moments,
+            local,
+        } = self;
+        moments.fill(Vec3A::ZERO);
+        local.fill(Vec3A::ZERO);
+        let place = (s.positions[j] - b.centre) / b.scale();
+        workspace.p2m(Vec3A::splat(s.areas[j]), s.normals[j], place, moments);
+        let way = a.centre - b.centre;
+        workspace.m2l(order, moments, b.scale(), way, a.scale(), 1.0, local);
+        let place = (s.positions[i] - a.centre) / a.scale();
+        workspace.l2p(local, s.normals[i], place).x
     }
 }
 

@@ -51,6 +51,11 @@ impl Links {
         }
     }
 
+    /// Order of the expansions that these links need.
+    pub fn order(&self) -> usize {
+        self.m2l.len().saturating_sub(1)
+    }
+
     /// Numbers of links by kind, as the stats show them.
     pub fn counts(&self) -> [(&'static str, u64); 7] {
         let m2l: usize = self.m2l.iter().map(Rows::len).sum();
