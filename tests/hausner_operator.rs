@@ -25,7 +25,7 @@ struct Room {
 impl Room {
     fn new() -> Room {
         let shape = DVec3::new(1.0, 0.6, 1.4);
-        let mut room = clouds::sphere(1500, 0.5, true, 6);
+        let mut room = clouds::sphere(800, 0.5, true, 6);
         for (p, n) in room.positions.iter_mut().zip(&mut room.normals) {
             *n = (n.as_dvec3() / shape).normalize().as_vec3();
             *p *= shape;
@@ -154,9 +154,9 @@ fn links_of_all_kinds_converge_to_the_sum_over_all_pairs() {
     let room = Room::new();
     let errors = [0, 2, 4, 6].map(|p| room.error(&room.hausner(&room.mixed_links(p), p)));
     println!("{errors:?}");
-    // Measured: 5.8e-2, 3.5e-3, 5.4e-4, 1.7e-4.
+    // Measured: 5.1e-2, 3.0e-3, 3.6e-4, 8.7e-5.
     assert!(errors.windows(2).all(|e| e[1] < 0.5 * e[0]), "{errors:?}");
-    assert!(errors[3] < 3e-4, "{errors:?}");
+    assert!(errors[3] < 2e-4, "{errors:?}");
 
     let mut links = room.mixed_links(2);
     let whole = room.hausner(&links, 2);
@@ -174,17 +174,18 @@ fn links_of_all_kinds_converge_to_the_sum_over_all_pairs() {
 }
 
 /// The same links in both bases: errors of one size. That of the report keeps the numerator and all
-/// terms up to order p of source and receiver, the tensors those whose orders sum up to p.
+/// terms up to order p of source and receiver, the tensors those whose orders sum up to p. Measured:
+/// 1.0 to 2.2 times those of the tensors.
 #[test]
 fn both_bases_have_errors_of_one_size() {
     let room = Room::new();
-    for order in [1] {
+    for order in 0..=5 {
         let links = room.links(order);
         let tensors = Fmm::<f64>::new(&room.surfels, &room.octree, &links);
         let tensors = room.error(&tensors.apply(&room.radiosity).expect("applied"));
         let hausner = room.error(&room.hausner(&links, order));
         println!("order {order}: tensors {tensors:.2e}, Hausner {hausner:.2e}");
-        assert!((0.3..3.0).contains(&(hausner / tensors)), "{order}");
+        assert!((0.5..4.0).contains(&(hausner / tensors)), "{order}");
     }
 }
 

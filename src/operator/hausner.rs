@@ -14,11 +14,11 @@ use crate::operator::{HostFields, TransportOperator};
 use crate::passes::cpu::{near_field, p2p};
 use crate::points::Surfels;
 
-/// The operator with Hausner's functions for expansions: a reference for the Cartesian tensors, by
-/// the same links.
+/// The operator with [`expansion::hausner`](crate::expansion::hausner): a reference for the Cartesian
+/// tensors of [`Fmm`](super::Fmm), by the same links.
 ///
 /// An expansion of order p takes 384 C(p+3, 3) bytes, 32 KiB at order 6, and each facet has two: for
-/// clouds of some thousand surfels.
+/// clouds of some ten thousand surfels.
 pub struct Hausner<'a> {
     octree: &'a Octree,
     links: &'a Links,

@@ -13,6 +13,11 @@
 //! | [`Multipole`] (C.8)-(C.10) | M_nj^m = Σ A B conj R_nj^m(y) SM(y) | Σ e_n^j S_nj^m(x) RM(x) ⊗ M_nj^m |
 //! | [`Local`] (C.27), (C.29) | L_ks^m = Σ A B e_k^s conj S_ks^m(y) SM(y) | Σ R_ks^m(x) RM(x) ⊗ L_ks^m |
 //!
+//! An expansion has C(p+3, 3) coefficients of 16 colours each, as many as there are monomials, since
+//! 1/r⁴ is not harmonic: five times the numbers of the Cartesian tensors of the same order. Errors are
+//! of the same size. The clamp of the kernel, which (C.2) lacks, is up to the links: they connect what
+//! faces each other.
+//!
 //! The report is followed with these corrections; each was checked against direct sums.
 //!
 //! - (C.20), (C.23): the factor before J is e_{n-k}^j' / e_n^j, and

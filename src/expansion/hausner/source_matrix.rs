@@ -8,7 +8,7 @@ use glam::DVec3;
 /// numerator (n_x · (y-x)) (n_y · (x-y)) is (a_x · b_y) (a_y · b_x). So the 16 numbers of SM(y), which
 /// the report writes as blocks n r^t, n, (r·n) r^t and r·n, are the matrix a_y b_y^t, the receiver's
 /// RM(x) is b_x a_x^t, RM ⊗ SM = b_x^t SM a_x, and the translation matrices TM of (C.21), (C.24) and
-/// (C.32) are those of homogeneous coordinates. The trace a_y · b_y is zero.
+/// (C.32) are those of homogeneous coordinates. The trace a_y · b_y is zero, so that 15 are independent.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SourceMatrix(pub [[DVec3; 4]; 4]);
 
