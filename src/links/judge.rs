@@ -3,16 +3,13 @@
 use glam::Vec3A;
 use rand::RngExt;
 
-use super::{Accuracy, Facing};
+use super::{Accuracy, Facing, MIXED_ORDER};
 use crate::expansion::{Indices, Surface, Workspace, coefficients};
 use crate::octree::{Facet, Octree};
 use crate::random::{Purpose, stream};
 
 /// Expansions hold where both radii together are at most this part of the distance.
 const MAX_OPENING: f32 = 0.6;
-/// Error of an expansion of order p, relative to the irradiance: opening · (RATE · opening)^p. That is
-/// twice the root mean square measured on flat patches, for openings of 0.15 to 0.55 and p up to 6.
-const RATE: f32 = 0.65;
 /// Links that can bring at most this part of the allowed error need no refinement.
 const NEGLIGIBLE: f32 = 0.5;
 /// Standard deviation that samples may show, as a part of the allowed error.
@@ -49,8 +46,10 @@ pub(super) enum Verdict {
     Split,
     /// Both are leaves: the surfels' form factors.
     Near(Vec<Sample>),
-    /// Nothing is in the way and all face each other: an expansion of this order.
-    Expand(usize),
+    /// Nothing is in the way and all face each other: an expansion of this order with this error.
+    Expand(usize, f32),
+    /// Nothing is in the way, but not all face each other: an expansion with this error.
+    Mixed(f32),
     /// Nothing is in the way and both are leaves: surfel by surfel, by the point kernel where they
     /// are not near each other; these are the pairs that are.
     Pairs(Vec<Sample>),
@@ -117,11 +116,22 @@ impl Judge<'_> {
         let order = (apart && !facing.near)
             .then(|| self.order(opening, allowed / bound))
             .flatten();
-        if let (true, Some(order)) = (self.open && facing.full(), order) {
-            return Verdict::Expand(order);
+        if let (true, Some((order, error))) = (self.open && facing.full(), order) {
+            return Verdict::Expand(order, error * bound);
+        }
+        if self.open && apart && !facing.near {
+            let radiance = radiosity / std::f32::consts::PI;
+            let to_all = radiance * b.area / (facing.gap * facing.gap);
+            let cut = (to_all * cos_b * facing.cut(facing.target, opening)
+                + to_all * cos_a * facing.cut(facing.source, opening))
+            .min(bound);
+            let error = cut + bound * truncation(opening, self.accuracy.order.min(MIXED_ORDER));
+            if error <= allowed {
+                return Verdict::Mixed(error);
+            }
         }
         let expandable = !self.open && order.is_some();
-        let uniform = apart && bound * opening.max(0.3) <= allowed;
+        let uniform = !self.open && apart && bound * opening.max(0.3) <= allowed;
         let negligible = bound <= NEGLIGIBLE * allowed;
 
         if negligible || expandable || (uniform && !facing.full()) {
@@ -160,13 +170,10 @@ impl Judge<'_> {
     }
 
     /// The least order, of those at hand, whose error is at most this part of the irradiance.
-    fn order(&self, opening: f32, allowed: f32) -> Option<usize> {
-        let mut error = opening;
-        (0..=self.accuracy.order).find(|_| {
-            let enough = error <= allowed;
-            error *= RATE * opening;
-            enough
-        })
+    fn order(&self, opening: f32, allowed: f32) -> Option<(usize, f32)> {
+        (0..=self.accuracy.order)
+            .map(|p| (p, truncation(opening, p)))
+            .find(|&(_, error)| error <= allowed)
     }
 
     /// What the tested samples say of a candidate.
@@ -371,9 +378,19 @@ impl Verdict {
         match self {
             Verdict::Near(samples) => samples,
             Verdict::Candidate(c) => &c.samples,
-            Verdict::Drop | Verdict::Split | Verdict::Expand(_) | Verdict::Pairs(_) => &[],
+            Verdict::Drop
+            | Verdict::Split
+            | Verdict::Expand(..)
+            | Verdict::Mixed(_)
+            | Verdict::Pairs(_) => &[],
         }
     }
+}
+
+/// Error of an expansion of order p, relative to the irradiance: twice the root mean square that was
+/// measured on flat patches, for openings of 0.15 to 0.55 and p up to 6.
+fn truncation(opening: f32, order: usize) -> f32 {
+    opening * (0.65 * opening).powi(order as i32)
 }
 
 /// Sum of the weights of the visible samples.

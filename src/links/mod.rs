@@ -8,10 +8,13 @@ mod judge;
 mod spans;
 
 pub use accuracy::Accuracy;
-pub use build::build;
+pub use build::{build, build_open};
 pub use csr::{Entry, Rows};
 pub use facing::Facing;
 pub use spans::Span;
+
+/// Largest order of mixed links: what they get wrong at the horizon, more terms do not mend.
+pub const MIXED_ORDER: usize = 2;
 
 /// The interaction lists of one operator. Every pair of surfels that see each other is in exactly
 /// one of them, unless its source is dark or what it brings is too little to be seen by samples.
@@ -30,11 +33,17 @@ pub struct Links {
     pub p2l: Rows,
     /// Facet from facet, surfel from surfel by the point kernel (P2P).
     pub p2p: Rows,
+    /// Facet from facet where only some surfels have the other in front: an expansion from those to
+    /// those.
+    pub mixed: Rows,
     /// Facet from facet where only some pairs face each other: the weight is the mean of the clamped
     /// kernel times visibility, which acts on the source's power.
     pub sampled: Rows,
     /// Surfel from surfel: the weight is the form factor times the visibility.
     pub near: Rows,
+    /// Error of the irradiance that is expected of the expansions where nothing is in the way: root
+    /// mean square over the surfels, if errors of different links are independent.
+    pub expected_error: f64,
 }
 
 impl Links {
@@ -46,8 +55,10 @@ impl Links {
             m2p: Rows::none(facets),
             p2l: Rows::none(facets),
             p2p: Rows::none(facets),
+            mixed: Rows::none(facets),
             sampled: Rows::none(facets),
             near: Rows::none(surfels),
+            expected_error: 0.0,
         }
     }
 
@@ -57,7 +68,7 @@ impl Links {
     }
 
     /// Numbers of links by kind, as the stats show them.
-    pub fn counts(&self) -> [(&'static str, u64); 7] {
+    pub fn counts(&self) -> [(&'static str, u64); 8] {
         let m2l: usize = self.m2l.iter().map(Rows::len).sum();
         [
             ("smooth", self.smooth),
@@ -65,6 +76,7 @@ impl Links {
             ("m2p", self.m2p.len() as u64),
             ("p2l", self.p2l.len() as u64),
             ("p2p", self.p2p.len() as u64),
+            ("mixed", self.mixed.len() as u64),
             ("sampled", self.sampled.len() as u64),
             ("near", self.near.len() as u64),
         ]

@@ -2,11 +2,11 @@
 
 use crate::error::Result;
 use crate::expansion::Surface;
-use crate::links::Links;
+use crate::links::{Links, MIXED_ORDER};
 use crate::math::Real;
 use crate::octree::Octree;
 use crate::operator::{HostFields, TransportOperator};
-use crate::passes::cpu::{l2l, l2p, m2l, m2m, m2p, near_field, p2l, p2m, p2p};
+use crate::passes::cpu::{l2l, l2p, m2l, m2m, m2p, mixed, near_field, p2l, p2m, p2p};
 use crate::points::Surfels;
 
 /// The operator on the CPU: f32 is the product, f64 its reference.
@@ -45,6 +45,14 @@ impl<T: Real> TransportOperator for Fmm<'_, T> {
         l2l(octree, &mut locals);
         let mut irradiance = l2p(octree, surface, &locals);
         m2p(octree, &links.m2p, surface, &moments, &mut irradiance);
+        mixed(
+            links.order().min(MIXED_ORDER),
+            octree,
+            &links.mixed,
+            surface,
+            radiosity,
+            &mut irradiance,
+        );
         p2p(octree, surface, &links.p2p, radiosity, &mut irradiance);
         near_field::<T>(&links.near, radiosity, &mut irradiance);
         Ok(irradiance)
