@@ -3,6 +3,25 @@
 use crate::expansion::NEAR_SPACINGS;
 use crate::octree::Facet;
 
+/// Which cosines count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cosines {
+    /// Positive ones: max(0, cos). Sources nearby are cells.
+    Clamped,
+    /// Those of either sign, as in (C.2): every pair counts. Sources are points, however near.
+    Signed,
+}
+
+impl Cosines {
+    /// How two facets face each other where these cosines count.
+    pub fn facing(self, target: &Facet, source: &Facet) -> Facing {
+        match self {
+            Cosines::Clamped => Facing::between(target, source),
+            Cosines::Signed => Facing::everything(target, source),
+        }
+    }
+}
+
 /// What holds for every surfel x of a target facet and y of a source facet.
 #[derive(Clone, Copy, Debug)]
 pub struct Facing {
@@ -41,6 +60,18 @@ impl Facing {
             facing.target[1] += source.reach;
         }
         facing
+    }
+
+    /// As if all surfels faced each other.
+    fn everything(target: &Facet, source: &Facet) -> Facing {
+        let distance = target.centre.distance(source.centre);
+        Facing {
+            distance,
+            gap: (distance - target.radius - source.radius).max(0.0),
+            near: false,
+            target: [0.0, f32::INFINITY],
+            source: [0.0, f32::INFINITY],
+        }
     }
 
     /// No surfel of one faces any surfel of the other.
@@ -87,14 +118,14 @@ fn heights(a: &Facet, b: &Facet, farthest: f32) -> [f32; 2] {
     [-highest(a.slab[1] - least), highest(most - a.slab[0])]
 }
 
-/// Bounds of a's axis · b: from the box of b, and from its slab and radius, which are tighter where
-/// b is flat and lies askew in its box.
+/// Bounds of a's axis · (b - a's centre): from the box of b, and from its slab and radius, which are
+/// tighter where b is flat and lies askew in its box.
 fn along(a: &Facet, b: &Facet) -> [f32; 2] {
-    let (low, high) = (a.axis * b.low, a.axis * b.high);
-    let centre = a.axis.dot(b.centre);
+    let (low, high) = (a.axis * (b.low - a.centre), a.axis * (b.high - a.centre));
+    let centre = a.axis.dot(b.centre - a.centre);
     let cos = a.axis.dot(b.axis);
     let across = a.axis.cross(b.axis).length() * b.radius;
-    let slab = b.slab.map(|s| cos * (s - b.axis.dot(b.centre)));
+    let slab = b.slab.map(|s| cos * s);
     [
         (low.min(high).element_sum()).max(centre + slab[0].min(slab[1]) - across),
         (low.max(high).element_sum()).min(centre + slab[0].max(slab[1]) + across),

@@ -1,13 +1,22 @@
 //! Links: which facet or surfel takes light from which, and how much of it gets through.
 
+mod adaptive;
 mod build;
 mod csr;
+mod dual;
 mod facing;
 mod judge;
+mod near;
+mod walk;
 
+pub use adaptive::adaptive;
 pub use build::{Accuracy, build};
 pub use csr::{Entry, Rows};
-pub use facing::Facing;
+pub use dual::{Mac, THETA, Verdict, dual};
+pub use facing::{Cosines, Facing};
+pub use walk::Interaction;
+
+use crate::octree::Facet;
 
 /// The interaction lists of one operator. Every pair of surfels that see each other is in exactly
 /// one of them, unless its source is dark or what it brings is too little to be seen by samples.
@@ -60,4 +69,9 @@ impl Links {
             ("near", self.near.len() as u64),
         ]
     }
+}
+
+/// Of two facets that make no link the larger one is split: is it the target?
+fn splits_target(target: &Facet, source: &Facet) -> bool {
+    source.is_leaf() || (!target.is_leaf() && target.radius >= source.radius)
 }
