@@ -85,7 +85,7 @@ fn check_bounds(facet: &Facet, s: &Surfels) {
     let axis = facet.axis.as_dvec3();
     assert!((axis.length() - 1.0).abs() < 1e-6);
     let [mut low, mut high] = [DVec3::INFINITY, DVec3::NEG_INFINITY];
-    let (mut radius, mut slab, mut spread) = (0.0_f64, [0.0_f64; 2], 0.0_f64);
+    let (mut radius, mut slab, mut spread) = (0.0_f64, [f64::INFINITY, f64::NEG_INFINITY], 0.0_f64);
     let (mut area, mut spacing, mut reach) = (0.0, 0.0_f32, 0.0_f32);
     for i in facet.surfels() {
         let p = s.positions[i].as_dvec3();
@@ -149,7 +149,7 @@ fn check_cells(octree: &Octree) {
             below_cone[facet.first_child as usize + k] = true;
             assert!(child.cell.level > cell.level);
             assert_eq!(child.cell.ancestor(cell.level), cell);
-            assert!(child.is_leaf() == (child.cell.level == cell.level + 1) || !child.is_leaf());
+            assert!(!child.is_leaf() || child.cell.level == cell.level + 1);
             // Octants touch, and are not the same; halves are.
             let octants = children.iter().map(|c| c.cell.ancestor(cell.level + 1));
             let same = octants.filter(|&c| c == child.cell.ancestor(cell.level + 1));
