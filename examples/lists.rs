@@ -1,5 +1,5 @@
 //! Time and memory of octree and lists for a box with a ball in it:
-//! `cargo run --release --example lists -- 10000000 32`.
+//! `cargo run --release --example lists -- 10000000 32 1e-5`.
 
 use std::f32::consts::TAU;
 use std::time::Instant;
@@ -48,60 +48,52 @@ fn surfels(n: usize) -> Surfels {
     s
 }
 
-/// Does one step; prints its time and how much memory was taken at most so far, beyond `base`.
-fn step<T>(name: &str, n: usize, base: u64, work: impl FnOnce() -> T) -> T {
+/// Does one step; prints its time, and what the process took at most so far beside what it `held`.
+fn step<T>(name: &str, n: usize, held: f64, work: impl FnOnce() -> T) -> T {
     let start = Instant::now();
     let done = work();
     let seconds = start.elapsed().as_secs_f64();
-    let peak = memory::peak_bytes().unwrap_or(0).saturating_sub(base) as f64 / n as f64;
-    println!("{name}: {seconds:.2} s, peak {peak:.0} bytes a surfel");
+    let peak = memory::peak_bytes().unwrap_or(0) as f64 / n as f64 - held;
+    println!("{name}: {seconds:.2} s, at most {peak:.0} bytes a surfel");
     done
 }
 
 fn main() -> Result<()> {
-    let mut arguments = std::env::args().skip(1);
-    let mut number = |otherwise| {
-        arguments
-            .next()
-            .and_then(|a| a.parse().ok())
-            .unwrap_or(otherwise)
+    let arguments: Vec<f64> = std::env::args()
+        .skip(1)
+        .filter_map(|a| a.parse().ok())
+        .collect();
+    let [n, leaf_size, tolerance] = arguments[..] else {
+        eprintln!("usage: lists POINTS LEAF_SIZE TOLERANCE (1 and more: cosines of either sign)");
+        std::process::exit(2);
     };
-    let (n, leaf_size, kind, signed) = (number(1_000_000), number(32), number(0), number(1));
+    let (n, leaf_size) = (n as usize, leaf_size as usize);
+    let cosines = match tolerance < 1.0 {
+        true => Cosines::Clamped {
+            tolerance: tolerance as f32,
+        },
+        false => Cosines::Signed,
+    };
     let given = surfels(n);
-    let base = memory::peak_bytes().unwrap_or(0);
-    let (octree, s) = step("octree", n, base, || Octree::build(&given, leaf_size));
-    drop(given);
+    // The surfels, and once more in the octree's order.
+    let held = 2.0 * memory::peak_bytes().unwrap_or(0) as f64 / n as f64;
+    let (octree, s) = step("octree", n, held, || Octree::build(&given, leaf_size));
     let facets = &octree.facets;
-    println!(
-        "{} facets, {} levels, {} cones",
-        facets.len(),
-        octree.depth(),
-        octree.cones.len()
-    );
-    let cosines = if signed > 0 {
-        Cosines::Signed
-    } else {
-        Cosines::Clamped
-    };
-    let order = 3;
+    println!("{} facets, {} levels", facets.len(), octree.depth());
     let mac = Mac {
         theta: THETA,
-        order,
+        order: 3,
         cosines,
     };
-    let links: Links = match kind {
-        0 => step("adaptive lists", n, base, || {
-            adaptive(&octree, &s, cosines, order, &Silent)
-        })?,
-        _ => step("dual traversal", n, base, || {
-            dual(
-                &octree,
-                &s,
-                |a, b| mac.judge(&facets[a as usize], &facets[b as usize]),
-                &Silent,
-            )
-        })?,
-    };
+    let judge = |t: u32, s: u32| mac.judge(&facets[t as usize], &facets[s as usize]);
+    let links: Links = step("dual traversal", n, held, || {
+        dual(&octree, &s, judge, &Silent)
+    })?;
+    println!("{:?}", links.counts());
+    drop(links);
+    let links: Links = step("adaptive lists", n, held, || {
+        adaptive(&octree, &s, cosines, 3, &Silent)
+    })?;
     println!("{:?}", links.counts());
     Ok(())
 }

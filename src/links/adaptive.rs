@@ -107,8 +107,7 @@ impl Visit<'_> {
     /// `None` if they are not separated.
     fn separated(&self, source: &Facet, facing: &Facing, level: u32) -> Option<Interaction> {
         let target = &self.octree.facets[self.target as usize];
-        let expands = facing.full() && !facing.near;
-        if !expands
+        if !self.cosines.expand(facing, source)
             || target
                 .cell
                 .ancestor(level)

@@ -77,7 +77,7 @@ impl Mac {
         }
         let reach = target.radius + source.radius;
         let apart = facing.distance > 0.0 && reach <= self.theta * facing.distance;
-        if apart && facing.full() && !facing.near {
+        if apart && self.cosines.expand(&facing, source) {
             Verdict::Link(cheapest(target.len(), source.len(), self.order))
         } else if target.is_leaf() && source.is_leaf() && facing.near {
             Verdict::Link(Interaction::Near)

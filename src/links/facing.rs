@@ -4,10 +4,16 @@ use crate::expansion::NEAR_SPACINGS;
 use crate::octree::Facet;
 
 /// Which cosines count.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Cosines {
     /// Positive ones: max(0, cos). Sources nearby are cells.
-    Clamped,
+    Clamped {
+        /// Expansions cannot clamp: of facets that do not face each other entirely they bring light
+        /// from below the horizon, where there is none. That is accepted up to this form factor.
+        /// At 0 all around the horizon of a curved surface is refined down to leaves, for every leaf
+        /// that sees it.
+        tolerance: f32,
+    },
     /// Those of either sign, as in (C.2): every pair counts. Sources are points, however near.
     Signed,
 }
@@ -16,8 +22,18 @@ impl Cosines {
     /// How two facets face each other where these cosines count.
     pub fn facing(self, target: &Facet, source: &Facet) -> Facing {
         match self {
-            Cosines::Clamped => Facing::between(target, source),
+            Cosines::Clamped { .. } => Facing::between(target, source),
             Cosines::Signed => Facing::everything(target, source),
+        }
+    }
+
+    /// May an expansion, which is of point sources and signed cosines, stand for the source?
+    pub fn expand(self, facing: &Facing, source: &Facet) -> bool {
+        match self {
+            Cosines::Clamped { tolerance } => {
+                !facing.near && (facing.full() || facing.below_horizon(source) <= tolerance)
+            }
+            Cosines::Signed => true,
         }
     }
 }
@@ -84,6 +100,17 @@ impl Facing {
     /// All surfels of one face all surfels of the other.
     pub fn full(&self) -> bool {
         self.target[0] >= 0.0 && self.source[0] >= 0.0
+    }
+
+    /// Largest form factor of the source where signed cosines give one but clamped ones do not.
+    fn below_horizon(&self, source: &Facet) -> f32 {
+        let [t, s] = [self.target, self.source];
+        let product = f32::max(-t[0] * s[1].max(-s[0]), -s[0] * t[1].max(-t[0]));
+        let square = self.gap * self.gap;
+        match square > 0.0 {
+            true => source.area * (product.max(0.0) / square) / (std::f32::consts::PI * square),
+            false => f32::INFINITY,
+        }
     }
 
     /// Upper bounds of the cosines at target and source.
