@@ -12,6 +12,7 @@
 use super::walk::{Found, Walk};
 use super::{Cosines, Facing, Interaction, Links};
 use crate::error::Result;
+use crate::memory::Budget;
 use crate::octree::{Facet, Octree};
 use crate::points::Surfels;
 use crate::progress::Progress;
@@ -45,6 +46,7 @@ pub fn adaptive(
     let walk = Walk {
         octree,
         visit,
+        budget: Budget::new(),
         progress,
     };
     walk.links(surfels, &octree.cones)

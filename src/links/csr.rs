@@ -131,4 +131,9 @@ impl Part {
         }
         self.sources.push(source);
     }
+
+    /// Bytes that it takes, here and once more in its rows.
+    pub fn bytes(&self) -> usize {
+        8 * self.rows.len() + 12 * self.sources.len() + 4 * self.weights.len()
+    }
 }

@@ -5,6 +5,7 @@
 use super::walk::{Found, Walk};
 use super::{Cosines, Interaction, Links, splits_target};
 use crate::error::Result;
+use crate::memory::Budget;
 use crate::octree::{Facet, Octree};
 use crate::points::Surfels;
 use crate::progress::Progress;
@@ -61,6 +62,7 @@ pub fn dual(
     let walk = Walk {
         octree,
         visit,
+        budget: Budget::new(),
         progress,
     };
     walk.links(surfels, &[0])

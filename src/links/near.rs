@@ -6,11 +6,17 @@ use super::Rows;
 use super::csr::Part;
 use crate::error::Result;
 use crate::expansion::Surface;
+use crate::memory::Budget;
 use crate::octree::Octree;
 use crate::points::Surfels;
 
 /// Links surfel by surfel where facets are linked by `parts`: those with a form factor.
-pub(super) fn near(octree: &Octree, surfels: &Surfels, parts: &[Part]) -> Result<Rows> {
+pub(super) fn near(
+    octree: &Octree,
+    surfels: &Surfels,
+    parts: &[Part],
+    budget: &Budget,
+) -> Result<Rows> {
     // Surfaces take memory: only those of facets that take part are made.
     let facets = &octree.facets;
     let mut place = vec![None; facets.len()];
@@ -44,7 +50,9 @@ pub(super) fn near(octree: &Octree, surfels: &Surfels, parts: &[Part]) -> Result
                 }
             }
         }
-        linked
+        budget.take(linked.bytes())?;
+        Ok(linked)
     };
-    Rows::gather(surfels.len(), parts.par_iter().map(link).collect())
+    let linked = parts.par_iter().map(link).collect::<Result<_>>()?;
+    Rows::gather(surfels.len(), linked)
 }

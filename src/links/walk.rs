@@ -10,6 +10,7 @@ use super::csr::Part;
 use super::near::near;
 use super::{Links, Rows};
 use crate::error::Result;
+use crate::memory::Budget;
 use crate::octree::Octree;
 use crate::points::Surfels;
 use crate::progress::Progress;
@@ -58,6 +59,12 @@ impl Found {
         };
         list.push(target, source);
     }
+
+    /// Bytes of its links, here and in their rows.
+    fn bytes(&self) -> usize {
+        let others = [&self.m2p, &self.p2l, &self.p2p, &self.near];
+        self.m2l.iter().chain(others).map(Part::bytes).sum()
+    }
 }
 
 /// A walk down an octree. `visit(target, sources, found)` settles the pairs of a target and sources
@@ -65,6 +72,7 @@ impl Found {
 pub(super) struct Walk<'a, V> {
     pub octree: &'a Octree,
     pub visit: V,
+    pub budget: Budget,
     pub progress: &'a dyn Progress,
 }
 
@@ -96,7 +104,7 @@ impl<V: Fn(u32, &[u32], &mut Found) -> Vec<u32> + Sync> Walk<'_, V> {
             m2p: rows(m2p)?,
             p2l: rows(p2l)?,
             p2p: rows(p2p)?,
-            near: near(self.octree, surfels, &close)?,
+            near: near(self.octree, surfels, &close, &self.budget)?,
             ..Links::none(facets, surfels.len())
         })
     }
@@ -115,10 +123,12 @@ impl<V: Fn(u32, &[u32], &mut Found) -> Vec<u32> + Sync> Walk<'_, V> {
         let mut found = Found::default();
         if facet.is_leaf() || facet.len() <= GRAIN {
             self.descend(target, sources, &mut found);
+            self.budget.take(found.bytes())?;
             self.progress.advance(facet.len() as u64);
             return Ok(vec![found]);
         }
         let left = (self.visit)(target, sources, &mut found);
+        self.budget.take(found.bytes())?;
         let children: Vec<u32> = facet.children().collect();
         let mut all = vec![found];
         all.extend(self.branches(&children, &left)?);
