@@ -67,7 +67,7 @@ fn check(octree: &Octree, s: &Surfels, given: &Surfels) {
     for facet in facets {
         check_bounds(facet, s);
     }
-    check_cells(octree);
+    check_cells(octree, s);
     // Splits by place begin below a facet whose normals keep to the cone.
     let narrow = |f: usize| f64::from(facets[f].spread) <= MAX_HALF_ANGLE.sin();
     for leaf in (0..facets.len()).filter(|&f| facets[f].is_leaf()) {
@@ -129,8 +129,18 @@ fn check_bounds(facet: &Facet, s: &Surfels) {
 }
 
 /// Cubes of facets: common above the cones, below them octants, each in its parent's.
-fn check_cells(octree: &Octree) {
+fn check_cells(octree: &Octree, s: &Surfels) {
     let facets = &octree.facets;
+    let [low, high] = [facets[0].low, facets[0].high];
+    let finest = f64::from((high - low).max_element()) / f64::from(1 << 21);
+    for facet in facets {
+        let side = f64::from(1 << 21_u32.saturating_sub(facet.cell.level));
+        let corner = facet.cell.corner.as_dvec3();
+        for i in facet.surfels() {
+            let place = (s.positions[i] - low).as_dvec3() / finest.max(f64::MIN_POSITIVE) - corner;
+            assert!(place.min_element() > -1e-3 && place.max_element() < side + 1e-3);
+        }
+    }
     let mut below_cone = vec![false; facets.len()];
     for &c in &octree.cones {
         below_cone[c as usize] = true;
