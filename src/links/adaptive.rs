@@ -71,50 +71,56 @@ impl Visit<'_> {
         };
         let mut left = Vec::new();
         let mut pairs: Vec<(u32, u32)> = sources.iter().rev().map(|&s| (s, first)).collect();
-        while let Some((s, mut level)) = pairs.pop() {
+        while let Some((s, level)) = pairs.pop() {
             let source = &facets[s as usize];
             let facing = self.cosines.facing(target, source);
             if facing.averted() {
                 continue;
             }
-            loop {
-                if let Some(interaction) = self.separated(source, &facing, level) {
-                    found.push(self.target, s, interaction);
-                    break;
+            match self.follow(source, &facing, level) {
+                (_, Some(interaction)) => found.push(self.target, s, interaction),
+                (level, None) if !splits(target, level) => {
+                    pairs.extend(source.children().rev().map(|child| (child, level + 1)));
                 }
-                let splits = |f: &Facet| !f.is_leaf() && f.cell.level <= level;
-                match (splits(target), splits(source)) {
-                    (true, true) => left.extend(source.children()),
-                    (true, false) => left.push(s),
-                    (false, true) => {
-                        pairs.extend(source.children().rev().map(|child| (child, level + 1)));
-                    }
-                    (false, false) if target.cell.level.max(source.cell.level) <= level => {
-                        let near = facing.near;
-                        let interaction = [Interaction::P2p, Interaction::Near][usize::from(near)];
-                        found.push(self.target, s, interaction);
-                    }
-                    (false, false) => {
-                        level += 1;
-                        continue;
-                    }
-                }
-                break;
+                (level, None) if splits(source, level) => left.extend(source.children()),
+                (_, None) => left.push(s),
             }
         }
         left
+    }
+
+    /// Follows two facets down from a level, to where they interact or one of them has to be split.
+    fn follow(
+        &self,
+        source: &Facet,
+        facing: &Facing,
+        mut level: u32,
+    ) -> (u32, Option<Interaction>) {
+        let target = &self.octree.facets[self.target as usize];
+        let last = target.cell.level.max(source.cell.level);
+        loop {
+            let separated = self.separated(source, facing, level);
+            if separated.is_some() || splits(target, level) || splits(source, level) {
+                return (level, separated);
+            }
+            if level >= last {
+                let direct = if facing.near {
+                    Interaction::Near
+                } else {
+                    Interaction::P2p
+                };
+                return (level, Some(direct));
+            }
+            level += 1;
+        }
     }
 
     /// How the cells of this level interact, or the leaf of a higher level and a cell of this one;
     /// `None` if they are not separated.
     fn separated(&self, source: &Facet, facing: &Facing, level: u32) -> Option<Interaction> {
         let target = &self.octree.facets[self.target as usize];
-        if !self.cosines.expand(facing, source)
-            || target
-                .cell
-                .ancestor(level)
-                .touches(source.cell.ancestor(level))
-        {
+        let cells = [target, source].map(|f| f.cell.ancestor(level));
+        if !self.cosines.expand(facing, source) || cells[0].touches(cells[1]) {
             return None;
         }
         let apart =
@@ -127,6 +133,11 @@ impl Visit<'_> {
             (true, true) => None,
         }
     }
+}
+
+/// Whether a facet has to be split for the level below this one.
+fn splits(facet: &Facet, level: u32) -> bool {
+    !facet.is_leaf() && facet.cell.level <= level
 }
 
 /// Distance of a facet's centre from the box of another.

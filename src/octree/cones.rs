@@ -58,28 +58,27 @@ impl Cones {
         while !open.is_empty() {
             let sums = sums(surfels, &part_of, &open);
             let spreads = spreads(surfels, &part_of, &open, &sums);
-            let first = open.end;
-            open = first..first;
+            let (first, mut end) = (open.start, open.end);
             let mut cuts = Vec::with_capacity(sums.len());
             for (sums, spread) in sums.iter().zip(spreads) {
                 let wide = sums.len > 0 && spread > MAX_HALF_ANGLE.sin() + SLACK;
                 let cut = if wide { sums.cut() } else { Cut::None };
-                let children = open.end..open.end + cut.children();
-                open.end = children.end;
+                let children = end..end + cut.children();
+                end = children.end;
                 cuts.push((cut, children.start));
                 parts.push(Part {
                     len: sums.len,
                     children,
                 });
             }
-            let before = first - cuts.len() as u32;
+            open = open.end..end;
             if open.is_empty() {
                 break;
             }
             let normals = surfels.normals.par_iter();
             part_of.par_iter_mut().zip(normals).for_each(|(part, &n)| {
-                if *part >= before {
-                    let (cut, child) = cuts[(*part - before) as usize];
+                if *part >= first {
+                    let (cut, child) = cuts[(*part - first) as usize];
                     *part = match cut {
                         Cut::None => *part,
                         Cut::Faces => child + cube_face(n),
