@@ -31,7 +31,7 @@ fn lists(criterion: &mut Criterion) {
             };
             let judge = |t: u32, s: u32| mac.judge(&facets[t as usize], &facets[s as usize]);
             group.bench_function(BenchmarkId::new(format!("dual, {name}"), n), |b| {
-                b.iter(|| dual(&octree, &surfels, judge, &Silent).unwrap())
+                b.iter(|| dual(&octree, &surfels, mac.order, judge, &Silent).unwrap())
             });
             group.bench_function(BenchmarkId::new(format!("adaptive, {name}"), n), |b| {
                 b.iter(|| adaptive(&octree, &surfels, cosines, 3, &Silent).unwrap())

@@ -33,7 +33,10 @@ fn lists(
             "adaptive",
             adaptive(octree, s, cosines, order, &Silent).expect("lists"),
         ),
-        ("dual", dual(octree, s, judge, &Silent).expect("lists")),
+        (
+            "dual",
+            dual(octree, s, order, judge, &Silent).expect("lists"),
+        ),
     ]
 }
 
@@ -309,6 +312,7 @@ fn dual_lists_keep_to_the_opening() {
             let (octree, s) = Octree::build(&given, leaf_size);
             let at = format!("{name}, leaves of {leaf_size}, order {order}");
             let [_, (_, links)] = lists(&octree, &s, Cosines::Signed, order);
+            assert_eq!(links.m2l.len(), order + 1, "{at}");
             assert!(links.m2l.iter().take(order).all(Rows::is_empty), "{at}");
             let expanded = links.m2l.iter().chain([&links.m2p, &links.p2l]);
             for (a, b) in expanded.flat_map(|rows| pairs(rows, &octree)) {

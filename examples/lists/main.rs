@@ -49,7 +49,7 @@ fn main() -> Result<()> {
     };
     let judge = |t: u32, s: u32| mac.judge(&facets[t as usize], &facets[s as usize]);
     let links: Links = step("dual traversal", n, held, || {
-        dual(&octree, &s, judge, &Silent)
+        dual(&octree, &s, mac.order, judge, &Silent)
     })?;
     println!("{:?}", links.counts());
     drop(links);

@@ -23,7 +23,7 @@ use crate::progress::Progress;
 /// anywhere in the cube, so that this is asked for as well.
 const OPENINGS: [f32; 2] = [0.866_025_4, 0.577_350_3];
 
-/// Finds the adaptive lists, with M2L of one order.
+/// Finds the adaptive lists, with expansions of one order.
 ///
 /// Facets that are averted are in no list. Those that do not face each other entirely, or are near,
 /// are refined down to leaves, which interact surfel by surfel.
@@ -46,6 +46,7 @@ pub fn adaptive(
     let walk = Walk {
         octree,
         visit,
+        order,
         budget: Budget::new(),
         progress,
     };

@@ -33,10 +33,12 @@ pub struct Mac {
     pub cosines: Cosines,
 }
 
-/// Finds the lists that a rule makes, `judge(target, source)` for facets of these numbers.
+/// Finds the lists that a rule makes, `judge(target, source)` for facets of these numbers. No M2L is
+/// of a higher `order`, which is that of M2P and P2L.
 pub fn dual(
     octree: &Octree,
     surfels: &Surfels,
+    order: usize,
     judge: impl Fn(u32, u32) -> Verdict + Sync,
     progress: &dyn Progress,
 ) -> Result<Links> {
@@ -62,6 +64,7 @@ pub fn dual(
     let walk = Walk {
         octree,
         visit,
+        order,
         budget: Budget::new(),
         progress,
     };

@@ -72,6 +72,8 @@ impl Found {
 pub(super) struct Walk<'a, V> {
     pub octree: &'a Octree,
     pub visit: V,
+    /// Largest order of the expansions: that of M2P and P2L.
+    pub order: usize,
     pub budget: Budget,
     pub progress: &'a dyn Progress,
 }
@@ -83,6 +85,7 @@ impl<V: Fn(u32, &[u32], &mut Found) -> Vec<u32> + Sync> Walk<'_, V> {
         let found = self.branches(roots, roots)?;
         let facets = self.octree.facets.len();
         let mut m2l: Vec<Vec<Part>> = Vec::new();
+        m2l.resize_with(self.order + 1, Vec::new);
         let (mut m2p, mut p2l, mut p2p, mut close) = (vec![], vec![], vec![], vec![]);
         for part in found {
             if m2l.len() < part.m2l.len() {
