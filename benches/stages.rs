@@ -37,6 +37,7 @@ impl Case {
         let occluders = Occluders::build(&surfels);
         let facets = octree.facets.len();
         let accuracy = Accuracy {
+            order: 1,
             error: 0.03,
             radiosity: vec![1.0; facets],
             target_factor: vec![1.0; facets],

@@ -1,21 +1,30 @@
 // L2L: adds to the local expansions of one level those of their parents. The twin of
 // src/passes/cpu/l2l.rs.
-// Tables: facets. Expansions: locals.
+// Tables: facets, expansions (local ones of the parents). Adds to locals.
 
 fn l2l(f: u32) {
-    let facet = reals(facets(f * FACET_TEXELS));
+    let facet = sphere(f);
     let parent = facets(f * FACET_TEXELS + 2u).x;
-    let above = reals(facets(parent * FACET_TEXELS));
+    let above = sphere(parent);
     let inverse_scale = 1.0 / above.w;
-    let ratio = facet.w * inverse_scale;
-    let place = (facet.xyz - above.xyz) * inverse_scale;
-    let inherited = load_locals(parent);
-    var sum = load_locals(f);
-    sum.zeroth += inherited.zeroth
-        + mat3x3(inherited.first[0] * place, inherited.first[1] * place, inherited.first[2] * place);
-    sum.first[0] += inherited.first[0] * ratio;
-    sum.first[1] += inherited.first[1] * ratio;
-    sum.first[2] += inherited.first[2] * ratio;
-    sum.scalar += inherited.scalar;
-    store_locals(f, sum);
+    let ratio = degrees(facet.w * inverse_scale);
+    let place = powers((facet.xyz - above.xyz) * inverse_scale);
+    store_locals(f, 0u, load_locals(f, 0u) + expansion(parent, 0u));
+    var sum: array<Light, COEFFICIENTS>;
+    #for a of degree 0..=ORDER
+    #for k in axes
+    sum[$(a,k)] = expansion(parent, $(a,k)u);
+    #end
+    #end
+    #for b of degree 0..=ORDER
+    #for k in axes
+    {
+        var inherited = sum[$(b,k)];
+        #for a of degree 1..=ORDER-|b|
+        inherited += sum[$(a+b,k)] * (place[$a] * $(a+b over b).0);
+        #end
+        store_locals(f, $(b,k)u, load_locals(f, $(b,k)u) + inherited * ratio[$|b|]);
+    }
+    #end
+    #end
 }

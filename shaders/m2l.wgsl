@@ -1,62 +1,43 @@
-// M2L: each facet's local expansion from the moments of the facets that it is linked to. The twin
-// of src/passes/cpu/m2l.rs.
-// Tables: facets, rows, links, moments. Expansions: locals.
-
-const INVERSE_PI = 0.31830988618;
-
-fn moment(i: u32) -> vec3<f32> {
-    return reals(moments(i)).xyz;
-}
-
-// Adds the field of facet `source` times the visible `fraction`; the formula is that of
-// `Local::add_moments`.
-fn add_moments(sum: ptr<function, Expansion>, to: vec4<f32>, source: u32, fraction: f32) {
-    let facet = reals(facets(source * FACET_TEXELS));
-    let way = to.xyz - facet.xyz;
-    let inverse = 1.0 / length(way);
-    let u = way * inverse;
-    let source_scale = facet.w * inverse;
-    let strength = -fraction * INVERSE_PI * inverse * inverse;
-    let slope = strength * (to.w * inverse);
-
-    let at = source * COEFFICIENTS;
-    let q = mat3x3(moment(at), moment(at + 1u), moment(at + 2u));
-    let m0 = mat3x3(moment(at + 3u), moment(at + 4u), moment(at + 5u));
-    let m1 = mat3x3(moment(at + 6u), moment(at + 7u), moment(at + 8u));
-    let m2 = mat3x3(moment(at + 9u), moment(at + 10u), moment(at + 11u));
-
-    let uq = q * u;
-    let trace = m0[0] + m1[1] + m2[2];
-    let mu = mat3x3(m0 * u, m1 * u, m2 * u);
-    let um = m0 * u.x + m1 * u.y + m2 * u.z;
-    let umu = mu * u;
-    let first = um + outer(trace - umu * 4.0, u);
-    (*sum).zeroth += (outer(uq, u) - first * source_scale) * strength;
-
-    let even = uq - (trace - umu * 4.0) * source_scale;
-    let steep = (trace * 4.0 - umu * 24.0) * source_scale - uq * 4.0;
-    let skew = um * (4.0 * source_scale);
-    let along = q + mu * (4.0 * source_scale) + skew;
-    let zero = vec3(0.0);
-    (*sum).first[0] += (along * u.x + outer(steep * u.x + skew[0], u)
-        - mat3x3(m0[0], m1[0], m2[0]) * source_scale + mat3x3(even, zero, zero)) * slope;
-    (*sum).first[1] += (along * u.y + outer(steep * u.y + skew[1], u)
-        - mat3x3(m0[1], m1[1], m2[1]) * source_scale + mat3x3(zero, even, zero)) * slope;
-    (*sum).first[2] += (along * u.z + outer(steep * u.z + skew[2], u)
-        - mat3x3(m0[2], m1[2], m2[2]) * source_scale + mat3x3(zero, zero, even)) * slope;
-}
+// M2L: local expansions from the moments of the facets that they are linked to, by links of order
+// ORDER. Those of the full order come first, with the sampled links, and begin the expansion;
+// others add to it. The twin of src/passes/cpu/m2l.rs.
+// Tables: facets, rows, links, expansions (moments). Writes locals.
 
 fn m2l(i: u32) {
     let row = rows(i);
-    let to = reals(facets(row.x * FACET_TEXELS));
-    var sum: Expansion;
-    for (var k = row.y; k < row.z; k++) {
-        let entry = link(k);
-        add_moments(&sum, to, entry.source, entry.weight);
+    let to = sphere(row.x);
+    var sum: array<Light, COEFFICIENTS>;
+    for (var e = row.y; e < row.z; e++) {
+        let entry = link(e);
+        let source = sphere(entry.source);
+        let way = to.xyz - source.xyz;
+        let inverse = 1.0 / length(way);
+        let matrix = kernel(way * inverse, entry.weight * inverse * inverse);
+        let source_scale = degrees(-source.w * inverse);
+        let target_scale = degrees(to.w * inverse);
+        var moment: array<Light, COEFFICIENTS>;
+        #for a of degree 0..=ORDER
+        #for k in axes
+        moment[$(a,k)] = expansion(entry.source, $(a,k)u) * source_scale[$|a|];
+        #end
+        #end
+        #for b of degree 0..=ORDER
+        #for i in axes
+        {
+            var derivative = Light();
+            #for a of degree 0..=ORDER-|b|
+            #for k in axes
+            derivative += moment[$(a,k)] * matrix[$(a+b,i,k)];
+            #end
+            #end
+            sum[$(b,i)] += derivative * target_scale[$|b|];
+        }
+        #end
+        #end
     }
-    for (var k = row.z; k < row.w; k++) {
-        let entry = link(k);
-        sum.scalar += moment(entry.source * COEFFICIENTS + 12u) * entry.weight;
+    for (var e = row.z; e < row.w; e++) {
+        let entry = link(e);
+        sum[0] += expansion(entry.source, 0u) * entry.weight;
     }
-    store_locals(row.x, sum);
+    add_to_local(row.x, BEGINS, &sum);
 }

@@ -1,15 +1,13 @@
 // Near field (P2P): adds what each surfel gets from the surfels it is linked to. The twin of
 // src/passes/cpu/near_field.rs.
-// Tables: rows, links, radiosity.
-
-@group(0) @binding(3) var<storage, read_write> irradiance: array<vec4<f32>>;
+// Tables: rows, links, radiosity. Adds to irradiance.
 
 fn near_field(i: u32) {
     let row = rows(i);
-    var sum = irradiance[row.x].xyz;
-    for (var k = row.y; k < row.z; k++) {
-        let entry = link(k);
-        sum += reals(radiosity(entry.source)).xyz * entry.weight;
+    var sum = load_irradiance(row.x, 0u);
+    for (var e = row.y; e < row.z; e++) {
+        let entry = link(e);
+        sum += light(reals(radiosity(entry.source))) * entry.weight;
     }
-    irradiance[row.x] = vec4(sum, 0.0);
+    store_irradiance(row.x, 0u, sum);
 }

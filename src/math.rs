@@ -5,7 +5,7 @@ use std::fmt::Debug;
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec3A};
 
 /// A vector of three reals: a place, a direction, or red, green and blue.
 pub trait Vector<T>:
@@ -25,6 +25,7 @@ pub trait Vector<T>:
     + Mul<Self, Output = Self>
 {
     fn new(x: T, y: T, z: T) -> Self;
+    fn splat(x: T) -> Self;
     /// From storage, which is f32 for both reals.
     fn from_f32(v: Vec3) -> Self;
     fn to_f32(self) -> Vec3;
@@ -53,6 +54,8 @@ pub trait Real:
     + Sum
 {
     type Vec3: Vector<Self>;
+    /// Red, green and blue where much is calculated with them: one SIMD register for f32.
+    type Rgb: Vector<Self> + From<Self::Vec3> + Into<Self::Vec3>;
     const ZERO: Self;
     const ONE: Self;
     const PI: Self;
@@ -61,17 +64,23 @@ pub trait Real:
     fn to_f64(self) -> f64;
     fn abs(self) -> Self;
     fn sqrt(self) -> Self;
+    /// self · a + b, rounded once: slow on machines without the instruction.
+    fn mul_add(self, a: Self, b: Self) -> Self;
     fn atan2(self, x: Self) -> Self;
     fn min(self, other: Self) -> Self;
     fn max(self, other: Self) -> Self;
 }
 
-macro_rules! real {
-    ($t:ty, $v:ty, $from:expr, $to:expr, $pi:expr) => {
+macro_rules! vector {
+    ($t:ty, $v:ty, $from:expr, $to:expr) => {
         impl Vector<$t> for $v {
             #[inline(always)]
             fn new(x: $t, y: $t, z: $t) -> Self {
                 <$v>::new(x, y, z)
+            }
+            #[inline(always)]
+            fn splat(x: $t) -> Self {
+                <$v>::splat(x)
             }
             #[inline(always)]
             fn from_f32(v: Vec3) -> Self {
@@ -98,8 +107,18 @@ macro_rules! real {
                 <$v>::to_array(&self)
             }
         }
+    };
+}
+
+vector!(f32, Vec3, |v: Vec3| v, |v: Vec3| v);
+vector!(f32, Vec3A, Vec3A::from, Vec3::from);
+vector!(f64, DVec3, |v: Vec3| v.as_dvec3(), |v: DVec3| v.as_vec3());
+
+macro_rules! real {
+    ($t:ty, $v:ty, $rgb:ty, $pi:expr) => {
         impl Real for $t {
             type Vec3 = $v;
+            type Rgb = $rgb;
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
             const PI: Self = $pi;
@@ -124,6 +143,10 @@ macro_rules! real {
                 <$t>::sqrt(self)
             }
             #[inline(always)]
+            fn mul_add(self, a: Self, b: Self) -> Self {
+                <$t>::mul_add(self, a, b)
+            }
+            #[inline(always)]
             fn atan2(self, x: Self) -> Self {
                 <$t>::atan2(self, x)
             }
@@ -139,11 +162,5 @@ macro_rules! real {
     };
 }
 
-real!(f32, Vec3, |v: Vec3| v, |v: Vec3| v, std::f32::consts::PI);
-real!(
-    f64,
-    DVec3,
-    |v: Vec3| v.as_dvec3(),
-    |v: DVec3| v.as_vec3(),
-    std::f64::consts::PI
-);
+real!(f32, Vec3, Vec3A, std::f32::consts::PI);
+real!(f64, DVec3, DVec3, std::f64::consts::PI);

@@ -122,6 +122,7 @@ fn the_device_gives_the_same_light() {
         / surfels.len() as f64;
     let facets = octree.facets.len();
     let accuracy = Accuracy {
+        order: 1,
         error: (0.05 * mean) as f32,
         radiosity: vec![mean as f32; facets],
         target_factor: vec![1.0; facets],

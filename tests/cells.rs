@@ -467,7 +467,7 @@ fn a_single_point_takes_its_scale_from_its_area() {
 
 proptest! {
     #![proptest_config(ProptestConfig {
-        cases: 200,
+        cases: 3000,
         failure_persistence: None,
         ..ProptestConfig::default()
     })]

@@ -90,9 +90,11 @@ fn stage(name: &'static str, ran: &'static str) -> Pipeline {
     let shader = Shader {
         name,
         tables: &[],
-        expansions: &[],
+        vectors: &[],
         shared: Box::leak(Box::new([BINDINGS])),
         text: ran,
+        order: 0,
+        full_order: 0,
     };
     Pipeline::new(gpu(), &shader).unwrap()
 }
@@ -104,10 +106,13 @@ fn a_dispatch_that_was_given_up_is_an_error() {
         "broken",
         "fn ran(group: u32) -> bool { return group != 3u; }",
     );
-    let pieces = Pieces::in_turn(gpu(), &[0..300, 300..1000], |_| 1).unwrap();
+    let pieces = [300, 700].map(|items| Pieces::new(gpu(), items, |_| 1).unwrap());
     let batches = Batches::new(gpu()).unwrap();
     let run = |stage: &Pipeline| {
-        batches.run_and_wait("test", |batch| batch.dispatch(stage, &[], &pieces))
+        batches.run_and_wait("test", |batch| {
+            batch.dispatch(stage, &[], &[], &pieces[0])?;
+            batch.dispatch(stage, &[], &[], &pieces[1])
+        })
     };
     run(&complete).unwrap();
     let error = run(&broken).unwrap_err();
@@ -118,7 +123,9 @@ fn a_dispatch_that_was_given_up_is_an_error() {
     run(&complete).unwrap();
     // Found out later where nobody waited for it.
     batches
-        .run("test", |batch| batch.dispatch(&broken, &[], &pieces))
+        .run("test", |batch| {
+            batch.dispatch(&broken, &[], &[], &pieces[0])
+        })
         .unwrap();
     assert!(run(&complete).is_err());
     run(&complete).unwrap();

@@ -4,12 +4,12 @@
 mod common;
 
 use common::{clutter, gpu, polygons, random, room, sphere};
-use fmmgi_gpu::expansion::{Local, Moments, Surface};
+use fmmgi_gpu::expansion::{Expansions, Surface};
 use fmmgi_gpu::links::{self, Accuracy, Entry, Links, Rows};
 use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Fields, Fmm, GpuFields, GpuFmm, HostFields, TransportOperator};
 use fmmgi_gpu::passes::cpu;
-use fmmgi_gpu::passes::gpu::{Batch, Batches, Gpu, GpuFormFactors, Stages, adapter};
+use fmmgi_gpu::passes::gpu::{Batch, Batches, Gpu, GpuFormFactors, MAX_ORDER, Stages, adapter};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::solve::{Stop, solve};
@@ -33,6 +33,7 @@ impl Case {
         let (octree, surfels) = Octree::build(surfels, LEAF_SIZE);
         let facets = octree.facets.len();
         let accuracy = Accuracy {
+            order: 1,
             error,
             radiosity: vec![1.0; facets],
             target_factor: vec![1.0; facets],
@@ -47,8 +48,8 @@ impl Case {
         }
     }
 
-    /// With random links, of which every third row has none.
-    fn tangled(name: &'static str, surfels: &Surfels, seed: u64) -> Case {
+    /// With random links of all kinds and of all orders up to one; every third row has none.
+    fn tangled(name: &'static str, surfels: &Surfels, order: usize, seed: u64) -> Case {
         let (octree, surfels) = Octree::build(surfels, LEAF_SIZE);
         let mut rng = random(seed);
         let mut rows = |targets: usize, apart: &dyn Fn(usize, usize) -> bool| {
@@ -73,7 +74,9 @@ impl Case {
             facets[t].centre.distance(facets[s].centre) > reach
         };
         let links = Links {
-            m2l: vec![Rows::none(facets.len()), rows(facets.len(), &apart)],
+            m2l: (0..=order).map(|_| rows(facets.len(), &apart)).collect(),
+            p2l: rows(facets.len(), &apart),
+            m2p: rows(facets.len(), &apart),
             sampled: rows(facets.len(), &|_, _| true),
             near: rows(surfels.len(), &|_, _| true),
             ..Links::none(facets.len(), surfels.len())
@@ -99,20 +102,21 @@ impl Case {
 /// large leaf of scale 1), no links at all.
 fn cases() -> Vec<Case> {
     let one_place: Vec<_> = (0..9).map(|_| (Vec3::ONE, Vec3::Z)).collect();
-    let unlinked = Case::tangled("unlinked", &clutter(100, 0.1, 9), 3);
+    let unlinked = Case::tangled("unlinked", &clutter(100, 0.1, 9), 1, 3);
     let facets = unlinked.octree.facets.len();
     vec![
         Case::linked("room", &room(12), 0.02),
         Case::linked("sphere", &sphere(1500), 0.01),
-        Case::tangled("clutter", &clutter(3000, 0.05, 7), 1),
-        Case::tangled("few", &clutter(65, 0.1, 8), 2),
+        Case::tangled("clutter", &clutter(3000, 0.05, 7), 1, 1),
+        Case::tangled("few", &clutter(65, 0.1, 8), 1, 2),
         Case::linked("single", &polygons(&[(Vec3::ONE, Vec3::X)], 4, 0.1), 0.1),
         Case::tangled(
             "one leaf",
             &polygons(&[(Vec3::X, Vec3::Z), (Vec3::Y, Vec3::Z)], 4, 0.1),
+            1,
             4,
         ),
-        Case::tangled("one place", &polygons(&one_place, 5, 0.1), 5),
+        Case::tangled("one place", &polygons(&one_place, 5, 0.1), 1, 5),
         Case {
             name: "unlinked",
             links: Links {
@@ -164,24 +168,8 @@ fn run(result: &Buffer, record: impl FnOnce(&mut Batch) -> Result<()>) -> Vec<Ve
 }
 
 /// Expansions in the device's layout.
-fn moments_as_colours(moments: &[Moments<f32>]) -> Vec<Vec3> {
-    moments
-        .iter()
-        .flat_map(|m| {
-            let dipole = m.dipole.iter().flatten();
-            m.charge.iter().chain(dipole).chain([&m.power]).copied()
-        })
-        .collect()
-}
-
-fn locals_as_colours(locals: &[Local<f32>]) -> Vec<Vec3> {
-    locals
-        .iter()
-        .flat_map(|l| {
-            let gradient = l.gradient.iter().flatten();
-            l.field.iter().chain(gradient).chain([&l.constant]).copied()
-        })
-        .collect()
+fn as_colours(expansions: &Expansions<f32>) -> Vec<Vec3> {
+    expansions.as_slice().iter().map(|&c| c.into()).collect()
 }
 
 /// Largest difference in units of the largest value.
@@ -214,55 +202,87 @@ const ROUNDING: f32 = 2e-6;
 #[test]
 fn each_stage_is_like_its_twin() {
     for case in cases() {
-        let (octree, links) = (&case.octree, &case.links);
-        let surface = Surface::<f32>::new(&case.surfels);
-        let stages = case.stages();
-        let radiosity: Vec<Vec3> = colours(case.surfels.len(), 1)
-            .iter()
-            .map(|c| c.as_vec3())
-            .collect();
-        let field = buffer(&radiosity);
-        let same = |stage: &str, found: &[Vec3], expected: &[Vec3]| {
-            let off = difference(found, expected);
-            assert!(off < ROUNDING, "{} {stage}: {off}", case.name);
-        };
-
-        poison(&stages.moments);
-        let mut moments = cpu::p2m(octree, &surface, &radiosity);
-        let found = run(&stages.moments, |batch| {
-            stages.take(batch, &field);
-            stages.p2m(batch)
-        });
-        same("p2m", &found, &moments_as_colours(&moments));
-
-        let before = moments_as_colours(&moments);
-        fill(&stages.moments, &vectors(&before));
-        cpu::m2m(octree, &mut moments);
-        let found = run(&stages.moments, |batch| stages.m2m(batch));
-        same("m2m", &found, &moments_as_colours(&moments));
-
-        fill(&stages.moments, &vectors(&moments_as_colours(&moments)));
-        poison(&stages.locals);
-        let mut locals = cpu::m2l(octree, links, &moments);
-        let found = run(&stages.locals, |batch| stages.m2l(batch));
-        same("m2l", &found, &locals_as_colours(&locals));
-
-        fill(&stages.locals, &vectors(&locals_as_colours(&locals)));
-        cpu::l2l(octree, &mut locals);
-        let found = run(&stages.locals, |batch| stages.l2l(batch));
-        same("l2l", &found, &locals_as_colours(&locals));
-
-        fill(&stages.locals, &vectors(&locals_as_colours(&locals)));
-        let irradiance = buffer(&vec![Vec3::NAN; case.surfels.len()]);
-        let mut expected = cpu::l2p(octree, &surface, &locals);
-        let found = run(&irradiance, |batch| stages.l2p(batch, &irradiance));
-        same("l2p", &found, &expected);
-
-        let irradiance = buffer(&expected);
-        cpu::near_field::<f32>(&links.near, &radiosity, &mut expected);
-        let found = run(&irradiance, |batch| stages.near_field(batch, &irradiance));
-        same("near_field", &found, &expected);
+        compare_stages(&case, ROUNDING);
     }
+}
+
+#[test]
+fn each_stage_is_like_its_twin_at_every_order() {
+    for order in 0..=MAX_ORDER {
+        let case = Case::tangled("clutter", &clutter(500, 0.05, 7), order, 1);
+        compare_stages(&case, 1e-5);
+    }
+}
+
+fn compare_stages(case: &Case, most: f32) {
+    let (octree, links) = (&case.octree, &case.links);
+    let order = links.order();
+    let surface = Surface::<f32>::new(&case.surfels);
+    let stages = case.stages();
+    let radiosity: Vec<Vec3> = colours(case.surfels.len(), 1)
+        .iter()
+        .map(|c| c.as_vec3())
+        .collect();
+    let field = buffer(&radiosity);
+    let same = |stage: &str, found: &[Vec3], expected: &[Vec3]| {
+        let off = difference(found, expected);
+        println!("{} of order {order}, {stage}: {off:e}", case.name);
+        assert!(off < most, "{} of order {order}, {stage}: {off}", case.name);
+    };
+
+    poison(&stages.moments);
+    let mut moments = cpu::p2m(order, octree, &surface, &radiosity);
+    let found = run(&stages.moments, |batch| {
+        stages.take(batch, &field);
+        stages.p2m(batch)
+    });
+    same("p2m", &found, &as_colours(&moments));
+
+    fill(&stages.moments, &vectors(&as_colours(&moments)));
+    cpu::m2m(octree, &mut moments);
+    let found = run(&stages.moments, |batch| stages.m2m(batch));
+    same("m2m", &found, &as_colours(&moments));
+
+    // From here on the moments are in the table.
+    fill(&stages.moments, &vectors(&as_colours(&moments)));
+    poison(&stages.locals);
+    let mut locals = cpu::m2l(octree, links, &moments);
+    let found = run(&stages.locals, |batch| {
+        stages
+            .expansions
+            .copy_from(&stages.moments, batch.encoder());
+        stages.m2l(batch)
+    });
+    same("m2l", &found, &as_colours(&locals));
+
+    fill(&stages.locals, &vectors(&as_colours(&locals)));
+    cpu::p2l(octree, &links.p2l, &surface, &radiosity, &mut locals);
+    let found = run(&stages.locals, |batch| stages.p2l(batch));
+    same("p2l", &found, &as_colours(&locals));
+
+    let mut expected = vec![Vec3::ONE; case.surfels.len()];
+    let irradiance = buffer(&expected);
+    cpu::m2p(octree, &links.m2p, &surface, &moments, &mut expected);
+    let found = run(&irradiance, |batch| stages.m2p(batch, &irradiance));
+    same("m2p", &found, &expected);
+
+    fill(&stages.locals, &vectors(&as_colours(&locals)));
+    cpu::l2l(octree, &mut locals);
+    let found = run(&stages.locals, |batch| stages.l2l(batch));
+    same("l2l", &found, &as_colours(&locals));
+
+    let irradiance = buffer(&vec![Vec3::ZERO; case.surfels.len()]);
+    let mut expected = cpu::l2p(octree, &surface, &locals);
+    let found = run(&irradiance, |batch| {
+        stages.expansions.copy_from(&stages.locals, batch.encoder());
+        stages.l2p(batch, &irradiance)
+    });
+    same("l2p", &found, &expected);
+
+    let irradiance = buffer(&expected);
+    cpu::near_field::<f32>(&links.near, &radiosity, &mut expected);
+    let found = run(&irradiance, |batch| stages.near_field(batch, &irradiance));
+    same("near_field", &found, &expected);
 }
 
 fn vectors(colours: &[Vec3]) -> Vec<[f32; 4]> {
@@ -472,24 +492,28 @@ fn device_queue_and_buffers_can_be_the_callers() {
     assert!(matches!(short, Err(Error::Invalid(_))), "{short:?}");
 }
 
+/// Buffers of which only a part can be bound at once: the same bits.
 #[test]
-fn links_beyond_the_limits_of_a_device_are_an_error() {
-    let case = Case::tangled("clutter", &clutter(3000, 0.05, 7), 1);
-    let open = common::limited(wgpu::Limits {
-        max_storage_buffer_binding_size: 1 << 16,
-        ..Default::default()
-    });
-    let result = GpuFmm::new(&open, &case.surfels, &case.octree, &case.links);
-    match result.map(|_| ()) {
-        Err(Error::TooLarge(message)) => println!("{message}"),
-        other => panic!("{other:?}"),
+fn work_in_parts_of_buffers_is_the_same() {
+    for (order, bound) in [(1, 1 << 14), (3, 1 << 16), (6, 1 << 17)] {
+        let case = Case::tangled("clutter", &clutter(3000, 0.05, 7), order, 1);
+        let small = common::limited(wgpu::Limits {
+            max_storage_buffer_binding_size: bound,
+            ..Default::default()
+        });
+        let radiosity = colours(3000, 1);
+        let operator = GpuFmm::new(&small, &case.surfels, &case.octree, &case.links).unwrap();
+        assert_eq!(
+            on_host(&operator, &radiosity),
+            on_host(&case.operator(), &radiosity)
+        );
     }
 }
 
 #[test]
 fn work_in_rows_of_workgroups_is_the_same() {
     // Rows of at most 9 workgroups of the 47 for surfels.
-    let case = Case::tangled("clutter", &clutter(3000, 0.05, 7), 1);
+    let case = Case::tangled("clutter", &clutter(3000, 0.05, 7), 1, 1);
     let small = common::limited(wgpu::Limits {
         max_compute_workgroups_per_dimension: 9,
         ..Default::default()

@@ -16,6 +16,7 @@ use rand::RngExt;
 /// The same error everywhere, for radiosities up to 1.
 fn accuracy(octree: &Octree, error: f32) -> Accuracy {
     Accuracy {
+        order: 1,
         error,
         radiosity: vec![1.0; octree.facets.len()],
         target_factor: vec![1.0; octree.facets.len()],
@@ -98,7 +99,8 @@ fn check_well_formed(links: &Links, octree: &Octree, s: &Surfels) {
 }
 
 /// How often each ordered pair (target, source) of surfels is linked.
-fn coverage(links: &Links, octree: &Octree, n: usize) -> Vec<u8> {
+fn coverage(links: &Links, octree: &Octree, surface: &Surface<f32>) -> Vec<u8> {
+    let n = surface.len();
     let mut count = vec![0u8; n * n];
     for rows in links.m2l.iter().chain([&links.sampled]) {
         for t in 0..octree.facets.len() {
@@ -107,6 +109,15 @@ fn coverage(links: &Links, octree: &Octree, n: usize) -> Vec<u8> {
                     for j in octree.facets[source].surfels() {
                         count[i * n + j] += 1;
                     }
+                }
+            }
+        }
+    }
+    for (t, target) in octree.facets.iter().enumerate() {
+        for (source, _) in links.p2p.row(t) {
+            for i in target.surfels() {
+                for j in octree.facets[source].surfels() {
+                    count[i * n + j] += u8::from(!surface.is_near(i, j));
                 }
             }
         }
@@ -132,7 +143,7 @@ fn every_pair_is_linked_once() {
         for error in [1e-9, 0.003, 0.03, 0.3] {
             let links = build(&s, &octree, error, &NothingInTheWay);
             check_well_formed(&links, &octree, &s);
-            let count = coverage(&links, &octree, n);
+            let count = coverage(&links, &octree, &surface);
             assert!(
                 count.iter().all(|&c| c <= 1),
                 "{name}, {error}: a pair is linked twice"

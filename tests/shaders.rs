@@ -2,14 +2,19 @@
 
 use std::mem::offset_of;
 
-use fmmgi_gpu::expansion::Moments;
-use fmmgi_gpu::passes::gpu::{COEFFICIENTS, Cell, Facet, Link, SHADERS, Surfel};
+use fmmgi_gpu::expansion::coefficients;
+use fmmgi_gpu::passes::gpu::wgsl::EXPANSION_STAGES;
+use fmmgi_gpu::passes::gpu::{Cell, Facet, Link, MAX_ORDER, SHADERS, Shader, Surfel};
 use fmmgi_gpu::visibility::{Node, Occluder, Segment};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Expression, Literal, Module, TypeInner};
 
 fn module(name: &str) -> Module {
-    let shader = SHADERS.iter().find(|s| s.name == name).unwrap();
+    parsed(SHADERS.iter().find(|s| s.name == name).unwrap())
+}
+
+fn parsed(shader: &Shader) -> Module {
+    let name = shader.name;
     let source = shader.source();
     naga::front::wgsl::parse_str(&source)
         .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&source)))
@@ -54,8 +59,13 @@ fn constant(module: &Module, name: &str) -> u32 {
 
 #[test]
 fn all_stages_are_valid() {
-    for shader in SHADERS {
-        let module = module(shader.name);
+    let orders = (0..=MAX_ORDER).flat_map(|full| [(full, full), (full / 2, full)]);
+    let expansions = orders.flat_map(|(order, full)| {
+        let of_order = move |shader: &&Shader| shader.of_order(order, full);
+        EXPANSION_STAGES.iter().map(of_order)
+    });
+    for shader in SHADERS.iter().map(|&&s| s).chain(expansions) {
+        let module = parsed(&shader);
         Validator::new(ValidationFlags::all(), Capabilities::SUBGROUP)
             .validate(&module)
             .unwrap_or_else(|e| panic!("{}: {}", shader.name, e.emit_to_string(&shader.source())));
@@ -106,8 +116,8 @@ fn visibility_reads_what_rust_writes() {
 
 #[test]
 fn expansions_read_what_rust_writes() {
-    for name in ["p2m", "m2m", "m2l", "l2l", "l2p"] {
-        let module = module(name);
+    for stage in EXPANSION_STAGES {
+        let module = parsed(&stage.of_order(2, 4));
         same_layout!(&module, Facet, "Facet", [
             centre => "centre", scale => "scale", begin => "begin", end => "end",
             first_child => "first_child", child_count => "child_count",
@@ -124,17 +134,14 @@ fn expansions_read_what_rust_writes() {
             constant(&module, "SURFEL_TEXELS") as usize,
             size_of::<Surfel>() / 16
         );
-        assert_eq!(constant(&module, "COEFFICIENTS") as usize, COEFFICIENTS);
-        assert_eq!(
-            COEFFICIENTS,
-            size_of::<Moments<f32>>() / size_of::<[f32; 3]>()
-        );
+        assert_eq!(constant(&module, "COEFFICIENTS") as usize, coefficients(2));
+        assert_eq!(constant(&module, "STRIDE") as usize, coefficients(4));
     }
 }
 
 #[test]
 fn links_are_read_as_rust_writes_them() {
-    for name in ["m2l", "near_field"] {
+    for name in ["m2l", "p2l", "m2p", "near_field"] {
         same_layout!(&module(name), Link, "Link", [source => "source", weight => "weight"]);
     }
 }

@@ -155,6 +155,7 @@ fn light_goes_both_ways() {
     let occluders = Occluders::build(&surfels);
     let visibility = CpuVisibility::<f64>::new(&occluders);
     let accuracy = Accuracy {
+        order: 1,
         error: 0.03,
         radiosity: vec![1.0; octree.facets.len()],
         target_factor: vec![1.0; octree.facets.len()],

@@ -1,16 +1,6 @@
-// Expansions as in src/expansion/tensor.rs, red, green and blue together: a matrix holds one colour
-// a column.
-struct Expansion {
-    // Column k is the charge Q_k, or the field F_k.
-    zeroth: mat3x3<f32>,
-    // Column l of matrix k is the dipole M_kl, or the gradient G_kl.
-    first: array<mat3x3<f32>, 3>,
-    // The power, or what does not depend on the normal.
-    scalar: vec3<f32>,
-}
-
-// In memory: so many vectors of red, green, blue and 0, in the order of the struct.
-const COEFFICIENTS = 13u;
+// Expansions as in src/expansion/tensor, of order ORDER: a scalar, then a vector for each of TERMS
+// multi-indices. Loops over multi-indices (#for) are written out by src/passes/gpu/unroll.rs.
+const COEFFICIENTS = 1 + 3 * TERMS;
 
 // What the texels of the table of facets hold.
 struct Facet {
@@ -36,7 +26,29 @@ struct Surfel {
 
 const SURFEL_TEXELS = 2u;
 
-// Column k is colour * v_k.
-fn outer(colour: vec3<f32>, v: vec3<f32>) -> mat3x3<f32> {
-    return mat3x3(colour * v.x, colour * v.y, colour * v.z);
+// Centre and scale of a facet.
+fn sphere(f: u32) -> vec4<f32> {
+    return reals(facets(f * FACET_TEXELS));
+}
+
+// v^a
+fn powers(v: vec3<f32>) -> array<f32, TERMS> {
+    var power: array<f32, TERMS>;
+    power[0] = 1.0;
+    #for a of degree 0..=ORDER-1
+    #for k in axes
+    power[$(a+k)] = power[$a] * v[$k];
+    #end
+    #end
+    return power;
+}
+
+// 1, x, x², ...
+fn degrees(x: f32) -> array<f32, ORDER + 1> {
+    var power: array<f32, ORDER + 1>;
+    power[0] = 1.0;
+    #for d in 1..=ORDER
+    power[$d] = power[$d - 1] * x;
+    #end
+    return power;
 }

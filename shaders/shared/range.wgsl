@@ -3,6 +3,8 @@
 struct Range {
     first: u32,
     count: u32,
+    // The first item of the parts of buffers that are bound.
+    base: u32,
 }
 
 @group(0) @binding(RANGE_BINDING) var<uniform> range: Range;
@@ -15,8 +17,8 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
 ) {
     let i = invocation(local, group, groups);
-    if i < range.count {
-        STAGE(range.first + i);
+    if i < range.count * INVOCATIONS {
+        CALL
     }
     if local == 0u {
         atomicAdd(&reports, 1u);

@@ -73,14 +73,21 @@ impl<T: Real> Surface<T> {
         self.areas[j] * point_kernel::<T>(x, self.normals[i], y, self.normals[j])
     }
 
+    /// Pairs so close that the source is its cell and not a point.
+    #[inline(always)]
+    pub fn is_near(&self, i: usize, j: usize) -> bool {
+        let r = self.positions[j] - self.positions[i];
+        let near = T::from_f64(NEAR_SPACINGS * NEAR_SPACINGS) * self.areas[i].max(self.areas[j]);
+        r.dot(r) < near
+    }
+
     /// Form factor F_ij without occlusion: the part of what surfel j sends out (radiosity 1) that
     /// surfel i gets as irradiance. Far: A_j K(i, j). Near: the exact form factor of cell j.
     #[inline]
     pub fn form_factor(&self, i: usize, j: usize) -> T {
         let (x, y) = (self.positions[i], self.positions[j]);
         let r = y - x;
-        let near = T::from_f64(NEAR_SPACINGS * NEAR_SPACINGS) * self.areas[i].max(self.areas[j]);
-        if r.dot(r) >= near {
+        if !self.is_near(i, j) {
             return self.point_form_factor(i, j);
         }
         if i == j || self.normals[j].dot(r) >= T::ZERO {

@@ -5,11 +5,14 @@
 //! Where both face each other it is linear in the **vector charge** q = A B n_y of the source and
 //! in n_x: irradiance = n_x · F(x), with the field F(x) = -R (R · q) / (π R⁴), R = x - y. Far from
 //! a facet F is expanded in Cartesian tensors about its centre, red, green and blue together.
+//!
+//! [`hausner`] is the basis of the report that this project began with, as a reference.
 
 mod form_factor;
+pub mod hausner;
 mod kernel;
 mod tensor;
 
 pub use form_factor::polygon_form_factor;
 pub use kernel::{NEAR_SPACINGS, Surface, point_kernel};
-pub use tensor::{Local, Moments};
+pub use tensor::{Expansions, Indices, Workspace, coefficients, count, position};

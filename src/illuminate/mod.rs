@@ -126,6 +126,7 @@ pub fn illuminate(
         octree: &octree,
         visibility: &visibility,
         tolerance,
+        order: 1,
         max_bounces: options.max_bounces,
         seed: options.seed,
         progress,

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::stats::RowSum;
 use super::work::{Bounced, Work};
@@ -27,14 +26,8 @@ const ERROR_A_LINK: f64 = 0.5;
 const ROUGH_ERROR: f64 = 0.3;
 /// Residual to which the rough links are solved.
 const ROUGH_RESIDUAL: f64 = 0.03;
-/// Radiosity, in units of the mean irradiance, that every facet is taken to have at least: light
-/// that the rough solution has missed must find its way.
-const LEAST_RADIOSITY: f64 = 0.01;
 /// What f32 can reach.
 const LEAST_RESIDUAL: f64 = 1e-6;
-/// Bounds of the factor on a link's error from the light at its target.
-const LOCAL_TOLERANCE: [f64; 2] = [0.1, 3.0];
-
 /// What stays the same through a run.
 pub(super) struct Task<'a> {
     pub scene: &'a Scene,
@@ -42,6 +35,8 @@ pub(super) struct Task<'a> {
     pub octree: &'a Octree,
     pub visibility: &'a Counted<'a>,
     pub tolerance: f64,
+    /// Largest order of the expansions.
+    pub order: usize,
     pub max_bounces: Option<u32>,
     pub seed: u64,
     pub progress: &'a dyn Progress,
@@ -189,40 +184,20 @@ impl Task<'_> {
         Ok(irradiance)
     }
 
-    /// The accuracy asked of links: `relative` to the mean irradiance, and finer or coarser where
-    /// a first solution says that a place is darker or brighter than the mean.
     fn accuracy(
         &self,
         reflected: &[DVec3],
         irradiance: Option<&[DVec3]>,
         relative: f64,
     ) -> Accuracy {
-        let mean = |field: &[DVec3]| {
-            field.iter().map(|h| h.element_sum() / 3.0).sum::<f64>() / field.len() as f64
-        };
-        let level = mean(irradiance.unwrap_or(reflected)).max(f64::MIN_POSITIVE);
-        let local = |range: std::ops::Range<usize>| {
-            let least = irradiance.map_or(level, |h| {
-                h[range]
-                    .iter()
-                    .map(|h| h.element_sum() / 3.0)
-                    .fold(f64::INFINITY, f64::min)
-            });
-            (least / level).clamp(LOCAL_TOLERANCE[0], LOCAL_TOLERANCE[1]) as f32
-        };
-        let strongest = |range: std::ops::Range<usize>| {
-            reflected[range]
-                .iter()
-                .map(|b| b.max_element())
-                .fold(LEAST_RADIOSITY * level, f64::max) as f32
-        };
-        let facets = &self.octree.facets;
-        Accuracy {
-            error: (relative * level) as f32,
-            radiosity: facets.par_iter().map(|f| strongest(f.surfels())).collect(),
-            target_factor: facets.par_iter().map(|f| local(f.surfels())).collect(),
-            seed: self.seed,
-        }
+        Accuracy::new(
+            self.octree,
+            reflected,
+            irradiance,
+            relative,
+            self.order,
+            self.seed,
+        )
     }
 
     fn work<'w>(&'w self, lights: &'w [DVec3], start: Option<&'w [DVec3]>, stop: Stop) -> Work<'w> {

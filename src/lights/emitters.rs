@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::BATCH;
 use crate::error::Result;
-use crate::expansion::{Local, Moments, NEAR_SPACINGS, Surface};
+use crate::expansion::{Expansions, NEAR_SPACINGS, Surface, Workspace};
 use crate::octree::{LEAF_SIZE, Octree};
 use crate::passes::cpu::{m2m, p2m};
 use crate::points::Surfels;
@@ -88,7 +88,7 @@ struct Emitters {
     all: Surface<f64>,
     /// Index among all surfels.
     index: Vec<u32>,
-    moments: Vec<Moments<f64>>,
+    moments: Expansions<f64>,
     /// Clusters may be this large, in units of their distance.
     opening: f64,
 }
@@ -150,7 +150,7 @@ impl Emitters {
             .collect();
         let surface = Surface::new(&sorted);
         let emission: Vec<DVec3> = sorted.emission.iter().map(|e| e.as_dvec3()).collect();
-        let mut moments = p2m(&octree, &surface, &emission);
+        let mut moments = p2m(1, &octree, &surface, &emission);
         m2m(&octree, &mut moments);
         Emitters {
             octree,
@@ -166,6 +166,7 @@ impl Emitters {
     /// The clusters that light surfel `i`.
     fn receiver(&self, i: usize, seed: u64) -> Receiver {
         let mut items = Vec::new();
+        let mut workspace = Workspace::<f64>::new(self.moments.indices());
         let mut stack = vec![0_u32];
         while let Some(f) = stack.pop() {
             let facet = &self.octree.facets[f as usize];
@@ -187,14 +188,12 @@ impl Emitters {
             let spacing = self.all.areas[i].sqrt().max(f64::from(facet.spacing));
             let far = distance - radius >= NEAR_SPACINGS * spacing;
             if faces && far && radius <= self.opening * distance {
-                let mut local = Local::default();
-                let scale = f64::from(facet.scale()) / distance;
-                let source = &self.moments[f as usize];
-                local.add_moments(source, way / distance, distance, scale, 0.0, 1.0);
+                let source = self.moments.of(f as usize);
+                let light = workspace.m2p(source, facet.scale().into(), way, n);
                 items.push(Item {
                     begin: facet.begin,
                     end: facet.end,
-                    irradiance: local.irradiance(n, DVec3::ZERO).max(DVec3::ZERO),
+                    irradiance: light.max(DVec3::ZERO),
                 });
             } else if facet.is_leaf() {
                 items.extend(facet.surfels().filter_map(|e| self.single(i, e)));

@@ -10,29 +10,16 @@
 
 use rayon::prelude::*;
 
-use super::judge::{Judge, Outcome, Pair, Sample, Verdict};
-use super::{Entry, Links, Rows, splits_target};
+use super::judge::{Judge, Outcome, Pair, Sample, Trial, Verdict};
+use super::{Accuracy, Entry, Links, Rows, splits_target};
 use crate::error::{Error, Result};
-use crate::expansion::Surface;
+use crate::expansion::{Indices, Surface};
 use crate::memory;
 use crate::octree::Octree;
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::random::Purpose;
 use crate::visibility::{Segment, Visibility};
-
-/// What the links may get wrong, and where it matters.
-#[derive(Clone, Debug)]
-pub struct Accuracy {
-    /// Irradiance that a link may be off by, before the factors of the targets.
-    pub error: f32,
-    /// A facet: largest radiosity of a surfel in it.
-    pub radiosity: Vec<f32>,
-    /// A facet: factor on `error` for links that end there (dark places need more care).
-    pub target_factor: Vec<f32>,
-    /// Seed of the segments that are drawn.
-    pub seed: u64,
-}
 
 /// Units of progress: a pair that splits hands its share on to its children in equal parts.
 const SHARES: u64 = 1 << 20;
@@ -48,15 +35,19 @@ pub fn build(
     progress: &dyn Progress,
 ) -> Result<Links> {
     let surface = Surface::new(surfels);
+    let indices = Indices::new(accuracy.order);
     let mut traversal = Traversal {
         surfels,
         judge: Judge {
             surface: &surface,
             octree,
             accuracy,
+            open: visibility.is_open(),
         },
         visibility,
-        far: Vec::new(),
+        indices: &indices,
+        m2l: vec![Vec::new(); accuracy.order + 1],
+        p2p: Vec::new(),
         sampled: Vec::new(),
         near: Vec::new(),
         smooth: 0,
@@ -82,8 +73,7 @@ pub fn build(
         }
         level = next;
     }
-    let lists = [&traversal.far, &traversal.sampled, &traversal.near];
-    let entries = lists.iter().map(|l| l.len()).max().unwrap_or(0);
+    let entries = traversal.lists().map(Vec::len).max().unwrap_or(0);
     if entries > u32::MAX as usize {
         return Err(Error::TooLarge(format!(
             "{entries} links are more than one operator can hold: ask for a larger tolerance"
@@ -91,7 +81,12 @@ pub fn build(
     }
     let facets = octree.facets.len();
     Ok(Links {
-        m2l: vec![Rows::none(facets), Rows::new(facets, traversal.far)],
+        m2l: traversal
+            .m2l
+            .into_iter()
+            .map(|entries| Rows::new(facets, entries))
+            .collect(),
+        p2p: Rows::new(facets, traversal.p2p),
         smooth: traversal.smooth,
         sampled: Rows::new(facets, traversal.sampled),
         near: Rows::new(surfels.len(), traversal.near),
@@ -103,7 +98,10 @@ struct Traversal<'a> {
     surfels: &'a Surfels,
     judge: Judge<'a>,
     visibility: &'a dyn Visibility,
-    far: Vec<Entry>,
+    indices: &'a Indices,
+    /// By order.
+    m2l: Vec<Vec<Entry>>,
+    p2p: Vec<Entry>,
     sampled: Vec<Entry>,
     near: Vec<Entry>,
     smooth: u64,
@@ -112,9 +110,15 @@ struct Traversal<'a> {
 }
 
 impl Traversal<'_> {
+    fn lists(&self) -> impl Iterator<Item = &Vec<Entry>> {
+        self.m2l
+            .iter()
+            .chain([&self.p2p, &self.sampled, &self.near])
+    }
+
     /// Refuses links that would not fit into the memory that was free at the start.
     fn check_memory(&self, pairs: usize, free: Option<u64>) -> Result<()> {
-        let links = self.far.len() + self.sampled.len() + self.near.len();
+        let links: usize = self.lists().map(Vec::len).sum();
         // A link is held as an entry, while it is sorted, and in its row.
         let needed = (3 * links * size_of::<Entry>() + pairs * size_of::<Pair>()) as u64;
         match free {
@@ -136,10 +140,13 @@ impl Traversal<'_> {
             .par_iter()
             .zip(&visible)
             .zip(batch)
-            .map(|((verdict, visible), &pair)| match verdict {
-                Verdict::Candidate(c) => self.judge.decide(pair, c, visible),
-                _ => Outcome::Drop,
-            })
+            .map_init(
+                || Trial::new(self.indices),
+                |trial, ((verdict, visible), &pair)| match verdict {
+                    Verdict::Candidate(c) => self.judge.decide(pair, c, visible, trial),
+                    _ => Outcome::Drop,
+                },
+            )
             .collect();
 
         // Links that their samples selected are measured afresh; leaves whose samples disagree
@@ -158,11 +165,25 @@ impl Traversal<'_> {
             .collect();
         let fresh_visible = self.test(fresh.iter().map(Vec::as_slice))?;
 
+        let mut trial = Trial::new(self.indices);
         for (k, (verdict, outcome)) in verdicts.into_iter().zip(outcomes).enumerate() {
             let pair = batch[k];
+            let entry = |weight| Entry {
+                target: pair.target,
+                source: pair.source,
+                weight,
+            };
             self.done += f64::from(pair.share);
             match (verdict, outcome) {
                 (Verdict::Drop, _) | (Verdict::Candidate(_), Outcome::Drop) => {}
+                (Verdict::Expand(order), _) => {
+                    self.m2l[order].push(entry(1.0));
+                    self.smooth += 1;
+                }
+                (Verdict::Pairs(near), _) | (Verdict::Candidate(_), Outcome::Pairs(near)) => {
+                    self.p2p.push(entry(1.0));
+                    self.add_near(&near, &vec![true; near.len()]);
+                }
                 (Verdict::Near(samples), _) => self.add_near(&samples, &visible[k]),
                 (Verdict::Candidate(_), Outcome::Near) => {
                     self.add_near(&fresh[k], &fresh_visible[k]);
@@ -173,18 +194,18 @@ impl Traversal<'_> {
                 }
                 (Verdict::Candidate(c), mut outcome) => {
                     if c.selected() {
-                        outcome =
-                            self.judge
-                                .measure(pair, &c, outcome, &fresh[k], &fresh_visible[k]);
+                        outcome = self.judge.measure(
+                            pair,
+                            &c,
+                            outcome,
+                            &fresh[k],
+                            &fresh_visible[k],
+                            &mut trial,
+                        );
                     }
-                    let entry = |weight| Entry {
-                        target: pair.target,
-                        source: pair.source,
-                        weight,
-                    };
                     match outcome {
                         Outcome::Far(fraction, smooth) if fraction > 0.0 => {
-                            self.far.push(entry(fraction));
+                            self.m2l[c.order].push(entry(fraction));
                             self.smooth += u64::from(smooth);
                         }
                         Outcome::Sampled(kernel) if kernel > 0.0 => {

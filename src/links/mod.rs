@@ -1,5 +1,6 @@
 //! Links: which facet or surfel takes light from which, and how much of it gets through.
 
+mod accuracy;
 mod adaptive;
 mod build;
 mod csr;
@@ -7,13 +8,16 @@ mod dual;
 mod facing;
 mod judge;
 mod near;
+mod spans;
 mod walk;
 
+pub use accuracy::Accuracy;
 pub use adaptive::adaptive;
-pub use build::{Accuracy, build};
+pub use build::build;
 pub use csr::{Entry, Rows};
 pub use dual::{Mac, THETA, Verdict, dual};
 pub use facing::{Cosines, Facing};
+pub use spans::Span;
 pub use walk::Interaction;
 
 use crate::octree::Facet;
@@ -54,6 +58,11 @@ impl Links {
             sampled: Rows::none(facets),
             near: Rows::none(surfels),
         }
+    }
+
+    /// Order of the expansions that these links need.
+    pub fn order(&self) -> usize {
+        self.m2l.len().saturating_sub(1)
     }
 
     /// Numbers of links by kind, as the stats show them.

@@ -65,8 +65,13 @@ impl Facet {
         self.first_child..self.first_child + self.child_count
     }
 
-    /// Length by which expansion coefficients are scaled: the radius, or 1 for a single place.
+    /// Length by which expansion coefficients are scaled: the radius, or the spacing for a single
+    /// place.
     pub fn scale(&self) -> f32 {
-        if self.radius > 0.0 { self.radius } else { 1.0 }
+        if self.radius > 0.0 {
+            self.radius
+        } else {
+            self.spacing
+        }
     }
 }

@@ -6,7 +6,7 @@ use crate::links::Links;
 use crate::math::Real;
 use crate::octree::Octree;
 use crate::operator::{HostFields, TransportOperator};
-use crate::passes::cpu::{l2l, l2p, m2l, m2m, near_field, p2m};
+use crate::passes::cpu::{l2l, l2p, m2l, m2m, m2p, near_field, p2l, p2m, p2p};
 use crate::points::Surfels;
 
 /// The operator on the CPU: f32 is the product, f64 its reference.
@@ -18,7 +18,7 @@ pub struct Fmm<'a, T: Real> {
 }
 
 impl<'a, T: Real> Fmm<'a, T> {
-    /// `surfels` are those in the octree's order.
+    /// `surfels` are those in the octree's order. Expansions are of the order that the links need.
     pub fn new(surfels: &Surfels, octree: &'a Octree, links: &'a Links) -> Self {
         Fmm {
             octree,
@@ -37,12 +37,16 @@ impl<T: Real> TransportOperator for Fmm<'_, T> {
     }
 
     fn apply(&self, radiosity: &Vec<T::Vec3>) -> Result<Vec<T::Vec3>> {
-        let mut moments = p2m(self.octree, &self.surface, radiosity);
-        m2m(self.octree, &mut moments);
-        let mut locals = m2l(self.octree, self.links, &moments);
-        l2l(self.octree, &mut locals);
-        let mut irradiance = l2p(self.octree, &self.surface, &locals);
-        near_field::<T>(&self.links.near, radiosity, &mut irradiance);
+        let (octree, links, surface) = (self.octree, self.links, &self.surface);
+        let mut moments = p2m(links.order(), octree, surface, radiosity);
+        m2m(octree, &mut moments);
+        let mut locals = m2l(octree, links, &moments);
+        p2l(octree, &links.p2l, surface, radiosity, &mut locals);
+        l2l(octree, &mut locals);
+        let mut irradiance = l2p(octree, surface, &locals);
+        m2p(octree, &links.m2p, surface, &moments, &mut irradiance);
+        p2p(octree, surface, &links.p2p, radiosity, &mut irradiance);
+        near_field::<T>(&links.near, radiosity, &mut irradiance);
         Ok(irradiance)
     }
 }

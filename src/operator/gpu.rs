@@ -20,8 +20,8 @@ pub struct GpuFmm {
 impl GpuFmm {
     /// `surfels` are those in the octree's order.
     ///
-    /// Fails with `Error::TooLarge` if the links or expansions exceed what the device can bind at
-    /// once.
+    /// Fails with `Error::TooLarge` if links or expansions exceed the largest buffer or texture of
+    /// the device, and with `Error::Invalid` if the order of the expansions is more than 6.
     pub fn new(gpu: &Gpu, surfels: &Surfels, octree: &Octree, links: &Links) -> Result<GpuFmm> {
         Ok(GpuFmm {
             stages: Stages::new(gpu, surfels, octree, links)?,
@@ -48,6 +48,8 @@ impl TransportOperator for GpuFmm {
             stages.p2m(batch)?;
             stages.m2m(batch)?;
             stages.m2l(batch)?;
+            stages.p2l(batch)?;
+            stages.m2p(batch, &irradiance)?;
             stages.l2l(batch)?;
             stages.l2p(batch, &irradiance)?;
             stages.near_field(batch, &irradiance)

@@ -5,10 +5,12 @@ use wgpu::{Buffer, BufferUsages};
 
 use super::Fields;
 use crate::error::{Error, Result};
-use crate::passes::gpu::{Batches, Gpu, Pieces, Pipeline, wgsl};
+use crate::passes::gpu::{Batches, Gpu, Pieces, Pipeline, WORKGROUP, wgsl};
 
 /// Items that one invocation of an inner product sums up in f32; the host adds these sums in f64.
-const PART: usize = 64;
+const PART: usize = WORKGROUP as usize;
+/// Items that a workgroup sums up.
+const BLOCK: usize = PART * WORKGROUP as usize;
 /// What a buffer must be made for to serve as a field.
 const USAGES: BufferUsages = BufferUsages::STORAGE
     .union(BufferUsages::COPY_SRC)
@@ -32,6 +34,7 @@ pub struct GpuFields {
     inner_product: Pipeline,
     items: Pieces,
     parts: Pieces,
+    part_count: usize,
     /// Sums of an inner product.
     sums: Buffer,
 }
@@ -39,7 +42,12 @@ pub struct GpuFields {
 impl GpuFields {
     /// Fields of `len` surfels.
     pub fn new(gpu: &Gpu, len: usize) -> Result<GpuFields> {
-        let parts = len.div_ceil(PART);
+        let parts = len.div_ceil(BLOCK) * WORKGROUP as usize;
+        // What the block of an invocation reads.
+        let block = |k: u32| {
+            let first = k / WORKGROUP * BLOCK as u32;
+            (2 * PART, first..(first + BLOCK as u32).min(len as u32))
+        };
         Ok(GpuFields {
             gpu: gpu.clone(),
             len,
@@ -49,7 +57,8 @@ impl GpuFields {
             multiply: Pipeline::new(gpu, &wgsl::MULTIPLY)?,
             inner_product: Pipeline::new(gpu, &wgsl::INNER_PRODUCT)?,
             items: Pieces::new(gpu, len as u32, |_| 3)?,
-            parts: Pieces::new(gpu, parts as u32, |_| 2 * PART)?,
+            parts: Pieces::of(gpu, 0..parts as u32, 1, block)?,
+            part_count: parts,
             sums: gpu.storage("sums", parts * size_of::<f32>())?,
         })
     }
@@ -120,35 +129,34 @@ impl Fields for GpuFields {
 
     fn axpy(&self, a: f64, x: &Buffer, y: &mut Buffer) -> Result<()> {
         let a = self.gpu.uniform("a", &[a as f32])?;
-        let resources = [&a, x, y].map(|b| b.as_entire_binding());
+        let a = a.as_entire_binding();
         self.batches.run("axpy", |batch| {
-            batch.dispatch(&self.axpy, &resources, &self.items)
+            batch.dispatch(&self.axpy, &[a], &[(x, 1), (y, 1)], &self.items)
         })
     }
 
     fn scale(&self, a: f64, x: &mut Buffer) -> Result<()> {
         let a = self.gpu.uniform("a", &[a as f32])?;
-        let resources = [&a, x].map(|b| b.as_entire_binding());
+        let a = a.as_entire_binding();
         self.batches.run("scale", |batch| {
-            batch.dispatch(&self.scale, &resources, &self.items)
+            batch.dispatch(&self.scale, &[a], &[(x, 1)], &self.items)
         })
     }
 
     fn multiply(&self, factor: &Buffer, x: &mut Buffer) -> Result<()> {
-        let resources = [factor, x].map(|b| b.as_entire_binding());
         self.batches.run("multiply", |batch| {
-            batch.dispatch(&self.multiply, &resources, &self.items)
+            batch.dispatch(&self.multiply, &[], &[(factor, 1), (x, 1)], &self.items)
         })
     }
 
     fn dot(&self, x: &Buffer, y: &Buffer) -> Result<f64> {
         let items = self.gpu.uniform("items", &[self.len as u32])?;
-        let resources = [&items, x, y, &self.sums].map(|b| b.as_entire_binding());
-        let parts = self.len.div_ceil(PART);
+        let resources = [&items, &self.sums].map(|b| b.as_entire_binding());
+        let fields = [(x, 1), (y, 1)];
         let sums: Vec<f32> =
             self.batches
-                .run_and_read("inner product", &self.sums, parts, |batch| {
-                    batch.dispatch(&self.inner_product, &resources, &self.parts)
+                .run_and_read("inner product", &self.sums, self.part_count, |batch| {
+                    batch.dispatch(&self.inner_product, &resources, &fields, &self.parts)
                 })?;
         Ok(sums.into_iter().map(f64::from).sum())
     }

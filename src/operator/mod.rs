@@ -1,17 +1,21 @@
 //! The transport operator F: radiosity in, irradiance out. The one seam between ways to apply it
 //! (here exact sums and links with expansions) and those who use it (solver, relighting).
 
+mod all_pairs;
 mod direct;
 mod fields;
 mod fmm;
 mod gpu;
 mod gpu_fields;
+mod hausner;
 
+pub use all_pairs::AllPairs;
 pub use direct::{Direct, exact_irradiance};
 pub use fields::{Fields, HostFields};
 pub use fmm::Fmm;
 pub use gpu::GpuFmm;
 pub use gpu_fields::GpuFields;
+pub use hausner::Hausner;
 
 use crate::error::Result;
 

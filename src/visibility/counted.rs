@@ -43,4 +43,8 @@ impl Visibility for Counted<'_> {
             .fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
         answers
     }
+
+    fn is_open(&self) -> bool {
+        self.inner.is_open()
+    }
 }

@@ -34,6 +34,11 @@ pub struct Segment {
 pub trait Visibility: Sync {
     /// One entry a segment: true where no cell (other than the two excluded) is met.
     fn visible(&self, segments: &[Segment]) -> Result<Vec<bool>>;
+
+    /// Nothing can be in the way: all segments are visible, and none need be tested.
+    fn is_open(&self) -> bool {
+        false
+    }
 }
 
 /// Tests on all threads of the current rayon pool, in `T`: f64 is the reference, f32 the product.
@@ -67,5 +72,9 @@ pub struct NothingInTheWay;
 impl Visibility for NothingInTheWay {
     fn visible(&self, segments: &[Segment]) -> Result<Vec<bool>> {
         Ok(vec![true; segments.len()])
+    }
+
+    fn is_open(&self) -> bool {
+        true
     }
 }

@@ -1,25 +1,28 @@
 use rayon::prelude::*;
 
-use crate::expansion::Local;
-use crate::math::{Real, Vector};
+use super::within;
+use crate::expansion::{Expansions, Workspace};
+use crate::math::Real;
 use crate::octree::Octree;
 
 /// L2L: adds each facet's local expansion to those of its children, from the root down.
-pub fn l2l<T: Real>(octree: &Octree, locals: &mut [Local<T>]) {
+pub fn l2l<T: Real>(octree: &Octree, locals: &mut Expansions<T>) {
+    let stride = locals.stride();
+    let (indices, coefficients) = locals.split_mut();
     for level in 1..octree.depth() {
         let range = octree.level(level);
-        let (above, rest) = locals.split_at_mut(range.start);
-        rest[..range.len()]
-            .par_iter_mut()
+        let (above, rest) = coefficients.split_at_mut(range.start * stride);
+        rest[..range.len() * stride]
+            .par_chunks_exact_mut(stride)
             .zip(&octree.facets[range])
-            .for_each(|(local, facet)| {
-                let parent = &octree.facets[facet.parent as usize];
-                let inverse_scale = T::ONE / T::from_f32(parent.scale());
-                let way = T::Vec3::from_f32(facet.centre) - T::Vec3::from_f32(parent.centre);
-                local.add(&above[facet.parent as usize].at_child(
-                    T::from_f32(facet.scale()) * inverse_scale,
-                    way * inverse_scale,
-                ));
-            });
+            .for_each_init(
+                || Workspace::<T>::new(indices),
+                |workspace, (local, facet)| {
+                    let parent = facet.parent as usize;
+                    let (ratio, place) = within::<T>(facet, &octree.facets[parent]);
+                    let inherited = &above[parent * stride..][..stride];
+                    workspace.l2l(inherited, ratio, place, local);
+                },
+            );
     }
 }

@@ -1,25 +1,27 @@
 use rayon::prelude::*;
 
-use crate::expansion::{Local, Surface};
-use crate::math::{Real, Vector};
+use super::{centre, leaves, scale};
+use crate::expansion::{Expansions, Surface, Workspace};
+use crate::math::Real;
 use crate::octree::Octree;
 
 /// L2P: irradiance of each surfel from the local expansion of its leaf.
-pub fn l2p<T: Real>(octree: &Octree, surface: &Surface<T>, locals: &[Local<T>]) -> Vec<T::Vec3> {
-    let mut leaves: Vec<usize> = (0..octree.facets.len())
-        .filter(|&f| octree.facets[f].is_leaf())
-        .collect();
-    leaves.sort_unstable_by_key(|&f| octree.facets[f].begin);
-    leaves
-        .par_iter()
-        .flat_map_iter(|&f| {
-            let facet = &octree.facets[f];
-            let centre = T::Vec3::from_f32(facet.centre);
-            let inverse_scale = T::ONE / T::from_f32(facet.scale());
-            facet.surfels().map(move |i| {
-                let place = (surface.positions[i] - centre) * inverse_scale;
-                locals[f].irradiance(surface.normals[i], place)
-            })
-        })
-        .collect()
+pub fn l2p<T: Real>(octree: &Octree, surface: &Surface<T>, locals: &Expansions<T>) -> Vec<T::Vec3> {
+    let indices = locals.indices();
+    let mut irradiance = vec![T::Vec3::default(); surface.len()];
+    leaves(octree, &mut irradiance)
+        .into_par_iter()
+        .for_each_init(
+            || Workspace::<T>::new(indices),
+            |workspace, (f, irradiance)| {
+                let facet = &octree.facets[f];
+                let inverse_scale = T::ONE / scale::<T>(facet);
+                for (h, i) in irradiance.iter_mut().zip(facet.surfels()) {
+                    let place = (surface.positions[i] - centre::<T>(facet)) * inverse_scale;
+                    let own = locals.of(f);
+                    *h = workspace.l2p(own, surface.normals[i], place).into();
+                }
+            },
+        );
+    irradiance
 }

@@ -1,32 +1,42 @@
 use rayon::prelude::*;
 
-use crate::expansion::{Local, Moments};
+use super::{centre, scale};
+use crate::expansion::{Expansions, Workspace};
 use crate::links::Links;
-use crate::math::{Real, Vector};
+use crate::math::Real;
 use crate::octree::Octree;
 
-/// M2L: each facet's local expansion from the moments of the facets that it is linked to.
-pub fn m2l<T: Real>(octree: &Octree, links: &Links, moments: &[Moments<T>]) -> Vec<Local<T>> {
-    let gather = |(t, target): (usize, &crate::octree::Facet)| {
-        let mut local = Local::default();
-        for (s, fraction) in links.m2l.iter().flat_map(|rows| rows.row(t)) {
-            let source = &octree.facets[s];
-            let way = T::Vec3::from_f32(target.centre) - T::Vec3::from_f32(source.centre);
-            let distance = way.length();
-            let inverse = T::ONE / distance;
-            local.add_moments(
-                &moments[s],
-                way * inverse,
-                distance,
-                T::from_f32(source.scale()) * inverse,
-                T::from_f32(target.scale()) * inverse,
-                T::from_f32(fraction),
-            );
-        }
-        for (s, kernel) in links.sampled.row(t) {
-            local.constant += moments[s].power * T::from_f32(kernel);
-        }
-        local
-    };
-    octree.facets.par_iter().enumerate().map(gather).collect()
+/// M2L: each facet's local expansion from the moments of the facets that it is linked to, each link
+/// by its order; and from their power by sampled links.
+pub fn m2l<T: Real>(octree: &Octree, links: &Links, moments: &Expansions<T>) -> Expansions<T> {
+    let mut locals = Expansions::zeros(moments.order(), octree.facets.len());
+    let stride = locals.stride();
+    let (indices, coefficients) = locals.split_mut();
+    coefficients
+        .par_chunks_exact_mut(stride)
+        .zip(&octree.facets)
+        .enumerate()
+        .for_each_init(
+            || Workspace::<T>::new(indices),
+            |workspace, (t, (local, target))| {
+                for (order, rows) in links.m2l.iter().enumerate() {
+                    for (s, fraction) in rows.row(t) {
+                        let source = &octree.facets[s];
+                        workspace.m2l(
+                            order,
+                            moments.of(s),
+                            scale(source),
+                            centre::<T>(target) - centre::<T>(source),
+                            scale(target),
+                            T::from_f32(fraction),
+                            local,
+                        );
+                    }
+                }
+                for (s, kernel) in links.sampled.row(t) {
+                    local[0] += moments.of(s)[0] * T::from_f32(kernel);
+                }
+            },
+        );
+    locals
 }

@@ -1,30 +1,30 @@
 use rayon::prelude::*;
 
-use crate::expansion::Moments;
-use crate::math::{Real, Vector};
+use super::within;
+use crate::expansion::{Expansions, Workspace};
+use crate::math::Real;
 use crate::octree::Octree;
 
 /// M2M: moments of the inner facets from those of their children, from the leaves up.
-pub fn m2m<T: Real>(octree: &Octree, moments: &mut [Moments<T>]) {
+pub fn m2m<T: Real>(octree: &Octree, moments: &mut Expansions<T>) {
+    let stride = moments.stride();
+    let (indices, coefficients) = moments.split_mut();
     for level in (0..octree.depth()).rev() {
         let range = octree.level(level);
-        let (upper, below) = moments.split_at_mut(range.end);
-        upper[range.clone()]
-            .par_iter_mut()
+        let (upper, below) = coefficients.split_at_mut(range.end * stride);
+        upper[range.start * stride..]
+            .par_chunks_exact_mut(stride)
             .zip(&octree.facets[range.clone()])
             .filter(|(_, facet)| !facet.is_leaf())
-            .for_each(|(parent, facet)| {
-                let centre = T::Vec3::from_f32(facet.centre);
-                let inverse_scale = T::ONE / T::from_f32(facet.scale());
-                for c in facet.children() {
-                    let child = &octree.facets[c as usize];
-                    let place = (T::Vec3::from_f32(child.centre) - centre) * inverse_scale;
-                    parent.add_child(
-                        &below[c as usize - range.end],
-                        T::from_f32(child.scale()) * inverse_scale,
-                        place,
-                    );
-                }
-            });
+            .for_each_init(
+                || Workspace::<T>::new(indices),
+                |workspace, (parent, facet)| {
+                    for c in facet.children().map(|c| c as usize) {
+                        let (ratio, place) = within::<T>(&octree.facets[c], facet);
+                        let child = &below[(c - range.end) * stride..][..stride];
+                        workspace.m2m(child, ratio, place, parent);
+                    }
+                },
+            );
     }
 }

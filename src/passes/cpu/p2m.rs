@@ -1,29 +1,34 @@
 use rayon::prelude::*;
 
-use crate::expansion::{Moments, Surface};
-use crate::math::{Real, Vector};
+use super::{centre, scale};
+use crate::expansion::{Expansions, Surface, Workspace};
+use crate::math::Real;
 use crate::octree::Octree;
 
 /// P2M: moments of the leaves from the radiosity of their surfels; other facets get zeros.
 pub fn p2m<T: Real>(
+    order: usize,
     octree: &Octree,
     surface: &Surface<T>,
     radiosity: &[T::Vec3],
-) -> Vec<Moments<T>> {
-    let moments = |facet: &crate::octree::Facet| {
-        let mut moments = Moments::default();
-        if facet.is_leaf() {
-            let centre = T::Vec3::from_f32(facet.centre);
-            let inverse_scale = T::ONE / T::from_f32(facet.scale());
-            for j in facet.surfels() {
-                moments.add_surfel(
-                    radiosity[j] * surface.areas[j],
-                    surface.normals[j],
-                    (surface.positions[j] - centre) * inverse_scale,
-                );
-            }
-        }
-        moments
-    };
-    octree.facets.par_iter().map(moments).collect()
+) -> Expansions<T> {
+    let mut moments = Expansions::zeros(order, octree.facets.len());
+    let stride = moments.stride();
+    let (indices, coefficients) = moments.split_mut();
+    coefficients
+        .par_chunks_exact_mut(stride)
+        .zip(&octree.facets)
+        .filter(|(_, facet)| facet.is_leaf())
+        .for_each_init(
+            || Workspace::<T>::new(indices),
+            |workspace, (moments, facet)| {
+                let inverse_scale = T::ONE / scale::<T>(facet);
+                for j in facet.surfels() {
+                    let flux = T::Rgb::from(radiosity[j]) * surface.areas[j];
+                    let place = (surface.positions[j] - centre::<T>(facet)) * inverse_scale;
+                    workspace.p2m(flux, surface.normals[j], place, moments);
+                }
+            },
+        );
+    moments
 }

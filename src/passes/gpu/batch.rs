@@ -9,6 +9,7 @@ use wgpu::{BindGroupEntry, BindingResource, BufferBinding, BufferSize, CommandEn
 
 use crate::error::{Error, Result};
 
+use super::context::mib;
 use super::shader::{RANGE_BINDING, REPORTS_BINDING};
 use super::{Gpu, Pace, Pipeline};
 
@@ -38,45 +39,67 @@ pub struct Batch<'a> {
     work: usize,
 }
 
-/// Items of a stage, cut into dispatches that take no long time.
+/// Items of a stage, cut into dispatches that take no long time and need no more of a buffer than
+/// can be bound.
 pub struct Pieces {
-    /// First item and count of each piece.
+    /// First item, count and first bound target of each piece.
     ranges: wgpu::Buffer,
     /// Bytes from one range to the next.
     stride: usize,
     pieces: Vec<Piece>,
 }
 
+#[derive(Clone, Debug, PartialEq)]
 struct Piece {
-    count: u32,
+    items: Range<u32>,
     work: usize,
+    /// What of the buffers is bound.
+    targets: Range<u32>,
 }
 
+/// A buffer of light with so many vectors a target, of which each piece binds its part.
+pub type Vectors<'a> = (&'a wgpu::Buffer, usize);
+
+/// Bytes of a vector of light.
+pub(super) const VECTOR: usize = 16;
+/// Bound parts begin at multiples of so many targets: any number of bytes is then a multiple of
+/// 256, which is as much as a device may ask for.
+const ALIGNMENT: u32 = 16;
+
 impl Pieces {
-    /// Items that do not need each other. `work` tells how many texels and vectors an item reads
-    /// and writes.
+    /// Items that do not need each other, each of which is its own target, with one vector of light.
+    /// `work` tells how many texels and vectors an item reads and writes.
     pub fn new(gpu: &Gpu, items: u32, work: impl Fn(u32) -> usize) -> Result<Pieces> {
-        Pieces::in_turn(gpu, std::slice::from_ref(&(0..items)), work)
+        Pieces::of(gpu, 0..items, 1, |i| (work(i), i..i + 1))
     }
 
-    /// The same in parts, each of which needs those before it.
-    pub fn in_turn(gpu: &Gpu, parts: &[Range<u32>], work: impl Fn(u32) -> usize) -> Result<Pieces> {
-        let cut = cut(parts, work);
+    /// Items that do not need each other, with up to `vectors` a target. For an item `each` tells how
+    /// many texels and vectors it reads and writes, and on which targets it works.
+    pub fn of(
+        gpu: &Gpu,
+        items: Range<u32>,
+        vectors: usize,
+        each: impl Fn(u32) -> (usize, Range<u32>),
+    ) -> Result<Pieces> {
+        let most = gpu.most_bound(vectors * VECTOR);
+        let pieces = cut(items, most, each);
+        if let Some(piece) = pieces.iter().find(|p| p.targets.len() > most) {
+            return Err(Error::TooLarge(format!(
+                "a stage needs {:.1} MiB at once, but this device binds {:.1} MiB",
+                mib(piece.targets.len() * vectors * VECTOR),
+                mib(gpu.most_bound(1))
+            )));
+        }
         let stride = gpu.device.limits().min_uniform_buffer_offset_alignment as usize;
-        let mut ranges = vec![0u32; cut.len().max(1) * stride / size_of::<u32>()];
-        for (at, (range, _)) in ranges.chunks_mut(stride / size_of::<u32>()).zip(&cut) {
-            at[..2].copy_from_slice(&[range.start, range.len() as u32]);
+        let mut ranges = vec![0u32; pieces.len().max(1) * stride / size_of::<u32>()];
+        for (at, piece) in ranges.chunks_mut(stride / size_of::<u32>()).zip(&pieces) {
+            let count = piece.items.len() as u32;
+            at[..3].copy_from_slice(&[piece.items.start, count, piece.targets.start]);
         }
         Ok(Pieces {
             ranges: gpu.uniform("ranges", &ranges)?,
             stride,
-            pieces: cut
-                .into_iter()
-                .map(|(range, work)| Piece {
-                    count: range.len() as u32,
-                    work,
-                })
-                .collect(),
+            pieces,
         })
     }
 
@@ -84,25 +107,49 @@ impl Pieces {
         BindingResource::Buffer(BufferBinding {
             buffer: &self.ranges,
             offset: (piece * self.stride) as u64,
-            size: BufferSize::new(8),
+            size: BufferSize::new(12),
         })
     }
 }
 
-/// Cuts parts into pieces of about [`PIECE`] work; returns them with their work.
-fn cut(parts: &[Range<u32>], work: impl Fn(u32) -> usize) -> Vec<(Range<u32>, usize)> {
-    let mut pieces = Vec::new();
-    for part in parts {
-        let (mut first, mut sum) = (part.start, 0);
-        for i in part.clone() {
-            sum += work(i);
-            if sum >= PIECE || i + 1 == part.end {
-                pieces.push((first..i + 1, sum));
-                (first, sum) = (i + 1, 0);
+impl Piece {
+    /// The part of a buffer that it needs.
+    fn part<'a>(&self, (buffer, vectors): Vectors<'a>) -> BindingResource<'a> {
+        let bytes = |targets: usize| (targets * vectors * VECTOR) as u64;
+        BindingResource::Buffer(BufferBinding {
+            buffer,
+            offset: bytes(self.targets.start as usize),
+            size: BufferSize::new(bytes(self.targets.len())),
+        })
+    }
+}
+
+/// Cuts items into pieces of about [`PIECE`] work and, where items allow it, at most `most` targets.
+fn cut(items: Range<u32>, most: usize, each: impl Fn(u32) -> (usize, Range<u32>)) -> Vec<Piece> {
+    let mut pieces: Vec<Piece> = Vec::new();
+    let mut full = true;
+    for i in items {
+        let (work, mut targets) = each(i);
+        targets.start -= targets.start % ALIGNMENT;
+        match pieces.last_mut() {
+            Some(piece) if !full && hull(&piece.targets, &targets).len() <= most => {
+                piece.items.end = i + 1;
+                piece.work += work;
+                piece.targets = hull(&piece.targets, &targets);
             }
+            _ => pieces.push(Piece {
+                items: i..i + 1,
+                work,
+                targets,
+            }),
         }
+        full = pieces.last().is_some_and(|piece| piece.work >= PIECE);
     }
     pieces
+}
+
+fn hull(a: &Range<u32>, b: &Range<u32>) -> Range<u32> {
+    a.start.min(b.start)..a.end.max(b.end)
 }
 
 impl Batches {
@@ -213,23 +260,26 @@ impl Batch<'_> {
         &mut self.encoder
     }
 
-    /// Runs a stage over all its pieces, with `resources` bound at 0, 1, ...
+    /// Runs a stage over all its pieces, with `resources` bound at 0, 1, ..., and after them the
+    /// parts of `vectors` that a piece needs.
     pub fn dispatch(
         &mut self,
         pipeline: &Pipeline,
         resources: &[BindingResource],
+        vectors: &[Vectors],
         pieces: &Pieces,
     ) -> Result<()> {
         for (k, piece) in pieces.pieces.iter().enumerate() {
             if self.work > 0 && self.work + piece.work > self.state.pace.size() {
                 self.submit_and_learn()?;
             }
+            let parts = vectors.iter().map(|&vectors| piece.part(vectors));
             let common = [
                 (RANGE_BINDING, pieces.range(k)),
                 (REPORTS_BINDING, self.batches.reports.as_entire_binding()),
             ];
             let entries: Vec<BindGroupEntry> = (0..)
-                .zip(resources.iter().cloned())
+                .zip(resources.iter().cloned().chain(parts))
                 .chain(common)
                 .map(|(binding, resource)| BindGroupEntry { binding, resource })
                 .collect();
@@ -237,7 +287,7 @@ impl Batch<'_> {
                 &self.batches.gpu,
                 &mut self.encoder,
                 &entries,
-                piece.count,
+                piece.items.len() as u32,
             );
             self.state.dispatched = self.state.dispatched.wrapping_add(groups);
             self.work += piece.work;
@@ -267,26 +317,41 @@ impl Batch<'_> {
 mod tests {
     use super::*;
 
+    /// Items, and pieces that each hold at least one of them, in order and without a gap.
+    fn check(pieces: &[Piece], items: u32) {
+        let all = pieces.iter().flat_map(|piece| piece.items.clone());
+        assert!(all.eq(0..items));
+    }
+
     #[test]
-    fn pieces_cover_all_items_in_order() {
-        let parts = [0..1, 1..1000, 1000..1000, 1000..1007];
+    fn pieces_are_cut_by_work() {
         let work = |i: u32| if i < 500 { PIECE / 100 } else { 3 * PIECE };
-        let pieces = cut(&parts, work);
-        let items: Vec<u32> = pieces.iter().flat_map(|(range, _)| range.clone()).collect();
-        assert!(items.into_iter().eq(0..1007));
-        for (range, sum) in &pieces {
-            assert_eq!(*sum, range.clone().map(work).sum::<usize>());
+        let pieces = cut(0..1000, usize::MAX, |i| (work(i), i..i + 1));
+        check(&pieces, 1000);
+        for piece in &pieces {
+            let items = piece.items.clone();
+            assert_eq!(piece.work, items.clone().map(work).sum::<usize>());
             // The last item fills the piece.
-            let others = range.start..range.end - 1;
+            let others = items.start..items.end - 1;
             assert!(others.map(work).sum::<usize>() < PIECE);
-            assert!(
-                parts
-                    .iter()
-                    .any(|p| p.start <= range.start && range.end <= p.end)
-            );
         }
-        // The first part; small items by the hundred, the last of which take a large one along;
-        // large ones alone.
-        assert_eq!(pieces.len(), 1 + 5 + 499 + 7);
+        // Small items by the hundred, large ones alone.
+        assert_eq!(pieces.len(), 5 + 500);
+        assert!(cut(0..0, 1, |_| (1, 0..1)).is_empty());
+    }
+
+    #[test]
+    fn pieces_are_cut_by_what_can_be_bound() {
+        let targets = |i: u32| (i * 3)..(i * 3 + 40);
+        let pieces = cut(0..1000, 100, |i| (1, targets(i)));
+        check(&pieces, 1000);
+        for piece in &pieces {
+            assert!(piece.targets.len() <= 100);
+            assert_eq!(piece.targets.start % ALIGNMENT, 0);
+            for i in piece.items.clone() {
+                assert_eq!(hull(&piece.targets, &targets(i)), piece.targets);
+            }
+        }
+        assert!(pieces.len() < 200);
     }
 }

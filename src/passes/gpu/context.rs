@@ -59,9 +59,9 @@ impl Gpu {
         most as usize / bytes
     }
 
-    /// A storage buffer that can be copied to and from.
+    /// A storage buffer that can be copied to and from. It may be larger than one binding.
     pub fn storage(&self, what: &str, bytes: usize) -> Result<wgpu::Buffer> {
-        let most = self.most_bound(1);
+        let most = self.device.limits().max_buffer_size as usize;
         if bytes > most {
             return Err(Error::TooLarge(format!(
                 "{what}: {:.1} MiB do not fit into a buffer of this device, which holds {:.1} MiB",

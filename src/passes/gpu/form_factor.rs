@@ -84,7 +84,7 @@ impl GpuFormFactors {
                 "form factors",
                 output,
                 pairs.len(),
-                |batch| batch.dispatch(&self.pipeline, &resources, &pieces),
+                |batch| batch.dispatch(&self.pipeline, &resources, &[], &pieces),
             )?);
         }
         Ok(found)

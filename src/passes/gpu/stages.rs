@@ -1,24 +1,20 @@
 //! The stages of the operator on a device: the twins of `passes::cpu`.
 
-use std::cmp::Reverse;
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::error::Result;
-use crate::links::{Links, Rows};
+use crate::error::{Error, Result};
+use crate::expansion::coefficients;
+use crate::links::{Entry, Links, Rows};
 use crate::octree::{self, Octree};
 use crate::points::Surfels;
 
-use super::batch::{Batch, Pieces};
-use super::wgsl::{L2L, L2P, M2L, M2M, NEAR_FIELD, P2M};
+use super::batch::{Batch, Pieces, VECTOR, Vectors};
+use super::lists::{Layout, Lists};
+use super::shader::{MAX_ORDER, Shader};
+use super::wgsl::{L2L, L2P, M2L, M2M, M2P, NEAR_FIELD, P2L, P2M};
 use super::{Gpu, Pipeline, Table};
-
-/// Coefficients of an expansion, each a vector of red, green, blue and 0: three of order zero,
-/// nine of order one, row by row, and one more (see `expansion::Moments` and `expansion::Local`).
-pub const COEFFICIENTS: usize = 13;
-/// Bytes of a vector.
-const VECTOR: usize = 16;
 
 /// Two texels of the table of surfels.
 #[repr(C)]
@@ -44,105 +40,61 @@ pub struct Facet {
     pub padding: [u32; 3],
 }
 
-/// A link, half a texel.
-#[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
-pub struct Link {
-    pub source: u32,
-    pub weight: f32,
-}
-
-/// A texel of a table of rows.
-#[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
-struct Row {
-    target: u32,
-    /// Links of the first kind are `begin..middle`, of the second `middle..end`.
-    begin: u32,
-    middle: u32,
-    end: u32,
-}
-
 /// The stages on one set of surfels and links, which stay on the device.
+///
+/// Stages read expansions from a table and write them to a buffer, from which they are copied to the
+/// table when they are complete: one table, first for moments, then for local expansions.
 pub struct Stages {
     facets: Table,
     surfels: Table,
-    far: Lists,
-    near: Lists,
-    /// [`COEFFICIENTS`] vectors a facet.
+    /// Facets of each level.
+    levels: Vec<Range<u32>>,
+    /// Vectors of an expansion.
+    coefficients: usize,
+    /// Vectors of each facet: the scalar, then by multi-indices (see `expansion`).
     pub moments: wgpu::Buffer,
-    moments_table: Table,
-    /// [`COEFFICIENTS`] vectors a facet.
+    /// As many.
     pub locals: wgpu::Buffer,
+    /// The expansions that stages read.
+    pub expansions: Table,
     radiosity: Table,
     p2m: Pipeline,
     m2m: Pipeline,
-    m2l: Pipeline,
     l2l: Pipeline,
     l2p: Pipeline,
-    near_field: Pipeline,
-    all_facets: Pieces,
-    upward: Pieces,
-    downward: Pieces,
+    m2l: Vec<Linked>,
+    p2l: Option<Linked>,
+    m2p: Option<Linked>,
+    near_field: Linked,
+    /// All facets, which write expansions.
+    by_facet: Pieces,
+    /// The same level by level.
+    by_level: Vec<Pieces>,
+    /// All facets, which write to their surfels.
+    by_surfel: Pieces,
 }
 
-/// Links sorted by the length of their rows, so that invocations side by side have as much to do.
-/// (In the octree's order those of eight lanes wait for the longest of them half of the time.)
-struct Lists {
-    rows: Table,
-    links: Table,
-    pieces: Pieces,
-}
-
-impl Lists {
-    /// Rows with links of one or two kinds; `loads` is the work of one link of either.
-    fn new(gpu: &Gpu, what: &str, kinds: &[(&Rows, usize)]) -> Result<Lists> {
-        let targets = kinds[0].0.offsets.len() - 1;
-        let length = |rows: &Rows, t: u32| {
-            (rows.offsets[t as usize + 1] - rows.offsets[t as usize]) as usize
-        };
-        let work = |t: u32| -> usize {
-            let links = kinds.iter().map(|&(rows, loads)| length(rows, t) * loads);
-            2 * COEFFICIENTS + links.sum::<usize>()
-        };
-        let mut order: Vec<u32> = (0..targets as u32).collect();
-        order.sort_by_key(|&t| Reverse(work(t)));
-        let mut links = Vec::with_capacity(kinds.iter().map(|k| k.0.len()).sum::<usize>() + 1);
-        let mut rows = Vec::with_capacity(targets);
-        for &target in &order {
-            let mut bounds = [links.len() as u32; 3];
-            for (k, end) in bounds[1..].iter_mut().enumerate() {
-                if let Some((kind, _)) = kinds.get(k) {
-                    links.extend(kind.row(target as usize).map(|(source, weight)| Link {
-                        source: source as u32,
-                        weight,
-                    }));
-                }
-                *end = links.len() as u32;
-            }
-            let [begin, middle, end] = bounds;
-            rows.push(Row {
-                target,
-                begin,
-                middle,
-                end,
-            });
-        }
-        // Two links a texel.
-        links.resize(links.len().next_multiple_of(2), Link::zeroed());
-        let texels: &[[u32; 4]] = bytemuck::cast_slice(&links);
-        Ok(Lists {
-            rows: gpu.table(what, &rows)?,
-            links: gpu.table(what, texels)?,
-            pieces: Pieces::new(gpu, targets as u32, |k| work(order[k as usize]))?,
-        })
-    }
+/// A stage that works by links.
+struct Linked {
+    pipeline: Pipeline,
+    lists: Lists,
 }
 
 impl Stages {
-    /// `surfels` are those in the octree's order.
+    /// `surfels` are those in the octree's order. The expansions are of the highest order that the
+    /// links ask for.
+    ///
+    /// Fails with `Error::TooLarge` if expansions or links exceed the largest buffer or texture of
+    /// the device, and with `Error::Invalid` beyond [`MAX_ORDER`].
     pub fn new(gpu: &Gpu, surfels: &Surfels, octree: &Octree, links: &Links) -> Result<Stages> {
+        let order = links.order();
+        if order > MAX_ORDER {
+            return Err(Error::Invalid(format!(
+                "expansions of order {order}: on a device they go to {MAX_ORDER}"
+            )));
+        }
         let n = octree.facets.len();
+        let coefficients = coefficients(order);
         let facets: Vec<Facet> = octree.facets.iter().map(facet).collect();
         let all: Vec<Surfel> = (0..surfels.len())
             .map(|i| Surfel {
@@ -152,100 +104,223 @@ impl Stages {
                 padding: 0.0,
             })
             .collect();
-        let level = |level: usize| {
-            let range = octree.level(level);
-            range.start as u32..range.end as u32
+        let levels: Vec<Range<u32>> = octree.levels.windows(2).map(|l| l[0]..l[1]).collect();
+
+        let expansion = |f: u32| {
+            let facet = &octree.facets[f as usize];
+            let below = if facet.is_leaf() {
+                2 * facet.len()
+            } else {
+                facet.child_count as usize
+            };
+            ((below + 2) * coefficients, f..f + 1)
         };
-        let levels: Vec<Range<u32>> = (0..octree.depth()).map(level).collect();
-        let from_below: Vec<Range<u32>> = levels.iter().rev().skip(1).cloned().collect();
-        let expansion = |_: u32| 4 * COEFFICIENTS;
+        let irradiance = |f: u32| {
+            let facet = &octree.facets[f as usize];
+            let surfels = if facet.is_leaf() { facet.len() } else { 0 };
+            (
+                coefficients + surfels * (4 + coefficients / 4),
+                facet.begin..facet.begin + surfels as u32,
+            )
+        };
+        let pipeline = |stage: &Shader| Pipeline::new(gpu, &stage.of_order(order, order));
+        // What begins the local expansions comes first.
+        let none = Rows::none(n);
+        let full = links.m2l.last().unwrap_or(&none);
+        let kinds = [(full, translation(order)), (&links.sampled, 2)];
+        let stage = M2L.of_order(order, order);
+        let all_rows = Layout {
+            empty_rows: true,
+            ..Layout::new(&kinds, coefficients)
+        };
+        let mut m2l = vec![Linked::new(gpu, &stage, &all_rows)?];
+        for (lower, rows) in links.m2l.iter().enumerate().take(order) {
+            if !rows.is_empty() {
+                let kinds = [(rows, translation(lower))];
+                let stage = M2L.of_order(lower, order);
+                m2l.push(Linked::new(
+                    gpu,
+                    &stage,
+                    &Layout::new(&kinds, coefficients),
+                )?);
+            }
+        }
+        let mean = surfels.len() / n.max(1) + 1;
+        let direct = |stage: &Shader, rows: &Rows, layout: &Layout| {
+            let linked = || Linked::new(gpu, &stage.of_order(order, order), layout);
+            (!rows.is_empty()).then(linked).transpose()
+        };
+        let kinds = [(&links.p2l, mean * 2 * coefficients)];
+        let p2l = direct(&P2L, &links.p2l, &Layout::new(&kinds, coefficients))?;
+        let m2p = by_leaf(octree, &links.m2p);
+        let kinds = [(&m2p, mean * 3 * coefficients)];
+        let surfels_of = |f: u32| octree.facets[f as usize].begin..octree.facets[f as usize].end;
+        let by_surfel = Layout {
+            targets: &surfels_of,
+            ..Layout::new(&kinds, 1)
+        };
+        let m2p = direct(&M2P, &m2p, &by_surfel)?;
+        let kinds = [(&links.near, 2)];
+        let near = Layout::new(&kinds, 1);
         Ok(Stages {
             facets: gpu.table("facets", &facets)?,
             surfels: gpu.table("surfels", &all)?,
-            far: Lists::new(
-                gpu,
-                "far links",
-                &[(&links.m2l[1], COEFFICIENTS + 2), (&links.sampled, 2)],
-            )?,
-            near: Lists::new(gpu, "near links", &[(&links.near, 2)])?,
-            moments: gpu.storage("moments", n * COEFFICIENTS * VECTOR)?,
-            moments_table: gpu.empty_table("moments", n * COEFFICIENTS)?,
-            locals: gpu.storage("local expansions", n * COEFFICIENTS * VECTOR)?,
+            moments: gpu.storage("moments", n * coefficients * VECTOR)?,
+            locals: gpu.storage("local expansions", n * coefficients * VECTOR)?,
+            expansions: gpu.empty_table("expansions", n * coefficients)?,
             radiosity: gpu.empty_table("radiosity", surfels.len())?,
-            p2m: Pipeline::new(gpu, &P2M)?,
-            m2m: Pipeline::new(gpu, &M2M)?,
-            m2l: Pipeline::new(gpu, &M2L)?,
-            l2l: Pipeline::new(gpu, &L2L)?,
-            l2p: Pipeline::new(gpu, &L2P)?,
-            near_field: Pipeline::new(gpu, &NEAR_FIELD)?,
-            all_facets: Pieces::new(gpu, n as u32, expansion)?,
-            upward: Pieces::in_turn(gpu, &from_below, expansion)?,
-            downward: Pieces::in_turn(gpu, &levels[1..], expansion)?,
+            p2m: pipeline(&P2M)?,
+            m2m: pipeline(&M2M)?,
+            l2l: pipeline(&L2L)?,
+            l2p: pipeline(&L2P)?,
+            m2l,
+            p2l,
+            m2p,
+            near_field: Linked::new(gpu, &NEAR_FIELD, &near)?,
+            by_facet: Pieces::of(gpu, 0..n as u32, coefficients, expansion)?,
+            by_level: levels
+                .iter()
+                .map(|level| Pieces::of(gpu, level.clone(), coefficients, expansion))
+                .collect::<Result<_>>()?,
+            by_surfel: Pieces::of(gpu, 0..n as u32, 1, irradiance)?,
+            levels,
+            coefficients,
         })
     }
 
-    /// Takes the radiosity for [`Self::p2m`] and [`Self::near_field`] from a field.
+    /// Takes the radiosity for [`Self::p2m`], [`Self::p2l`] and [`Self::near_field`] from a field.
     pub fn take(&self, batch: &mut Batch, radiosity: &wgpu::Buffer) {
         self.radiosity.copy_from(radiosity, batch.encoder());
     }
 
     /// P2M: moments of the leaves; other facets get zeros.
     pub fn p2m(&self, batch: &mut Batch) -> Result<()> {
-        let resources = [
-            self.facets.binding(),
-            self.surfels.binding(),
-            self.radiosity.binding(),
-            self.moments.as_entire_binding(),
-        ];
-        batch.dispatch(&self.p2m, &resources, &self.all_facets)
+        let tables = [&self.facets, &self.surfels, &self.radiosity].map(Table::binding);
+        batch.dispatch(&self.p2m, &tables, &[self.moments()], &self.by_facet)
     }
 
-    /// M2M: moments of the inner facets, from the leaves up.
+    /// M2M: moments of the inner facets, from the leaves up; then all of them are in the table.
     pub fn m2m(&self, batch: &mut Batch) -> Result<()> {
-        let resources = [self.facets.binding(), self.moments.as_entire_binding()];
-        batch.dispatch(&self.m2m, &resources, &self.upward)
+        let tables = [&self.facets, &self.expansions].map(Table::binding);
+        for level in (0..self.levels.len()).rev() {
+            if level + 1 < self.levels.len() {
+                let pieces = &self.by_level[level];
+                batch.dispatch(&self.m2m, &tables, &[self.moments()], pieces)?;
+            }
+            self.tabulate(batch, &self.moments, level);
+        }
+        Ok(())
     }
 
-    /// M2L: local expansions from the moments by the far links.
+    /// M2L: local expansions from the moments in the table by links of all orders and sampled ones.
     pub fn m2l(&self, batch: &mut Batch) -> Result<()> {
-        self.moments_table.copy_from(&self.moments, batch.encoder());
-        let resources = [
-            self.facets.binding(),
-            self.far.rows.binding(),
-            self.far.links.binding(),
-            self.moments_table.binding(),
-            self.locals.as_entire_binding(),
-        ];
-        batch.dispatch(&self.m2l, &resources, &self.far.pieces)
+        for Linked { pipeline, lists } in &self.m2l {
+            let tables = [&self.facets, &lists.rows, &lists.links, &self.expansions];
+            let tables = tables.map(Table::binding);
+            batch.dispatch(pipeline, &tables, &[self.locals()], &lists.pieces)?;
+        }
+        Ok(())
     }
 
-    /// L2L: adds local expansions to those of the children, from the root down.
+    /// P2L: adds to local expansions what comes from surfels.
+    pub fn p2l(&self, batch: &mut Batch) -> Result<()> {
+        let Some(Linked { pipeline, lists }) = &self.p2l else {
+            return Ok(());
+        };
+        let links = [&lists.rows, &lists.links, &self.radiosity];
+        let tables = [&self.facets, &self.surfels].into_iter().chain(links);
+        let tables: Vec<_> = tables.map(Table::binding).collect();
+        batch.dispatch(pipeline, &tables, &[self.locals()], &lists.pieces)
+    }
+
+    /// M2P: adds to the irradiance what comes from the moments in the table.
+    pub fn m2p(&self, batch: &mut Batch, irradiance: &wgpu::Buffer) -> Result<()> {
+        let Some(Linked { pipeline, lists }) = &self.m2p else {
+            return Ok(());
+        };
+        let links = [&lists.rows, &lists.links, &self.expansions];
+        let tables = [&self.facets, &self.surfels].into_iter().chain(links);
+        let tables: Vec<_> = tables.map(Table::binding).collect();
+        batch.dispatch(pipeline, &tables, &[(irradiance, 1)], &lists.pieces)
+    }
+
+    /// L2L: adds local expansions to those of the children, from the root down; then all of them
+    /// are in the table, in the place of the moments.
     pub fn l2l(&self, batch: &mut Batch) -> Result<()> {
-        let resources = [self.facets.binding(), self.locals.as_entire_binding()];
-        batch.dispatch(&self.l2l, &resources, &self.downward)
+        let tables = [&self.facets, &self.expansions].map(Table::binding);
+        for level in 0..self.levels.len() {
+            if level > 0 {
+                let pieces = &self.by_level[level];
+                batch.dispatch(&self.l2l, &tables, &[self.locals()], pieces)?;
+            }
+            self.tabulate(batch, &self.locals, level);
+        }
+        Ok(())
     }
 
-    /// L2P: irradiance of each surfel from the local expansion of its leaf.
+    /// L2P: adds to the irradiance of each surfel what the local expansion of its leaf, in the
+    /// table, says.
     pub fn l2p(&self, batch: &mut Batch, irradiance: &wgpu::Buffer) -> Result<()> {
-        let resources = [
-            self.facets.binding(),
-            self.surfels.binding(),
-            self.locals.as_entire_binding(),
-            irradiance.as_entire_binding(),
-        ];
-        batch.dispatch(&self.l2p, &resources, &self.all_facets)
+        let tables = [&self.facets, &self.surfels, &self.expansions].map(Table::binding);
+        batch.dispatch(&self.l2p, &tables, &[(irradiance, 1)], &self.by_surfel)
     }
 
     /// Near field: adds what each surfel gets by the near links.
     pub fn near_field(&self, batch: &mut Batch, irradiance: &wgpu::Buffer) -> Result<()> {
-        let resources = [
-            self.near.rows.binding(),
-            self.near.links.binding(),
-            self.radiosity.binding(),
-            irradiance.as_entire_binding(),
-        ];
-        batch.dispatch(&self.near_field, &resources, &self.near.pieces)
+        let Linked { pipeline, lists } = &self.near_field;
+        let tables = [&lists.rows, &lists.links, &self.radiosity].map(Table::binding);
+        batch.dispatch(pipeline, &tables, &[(irradiance, 1)], &lists.pieces)
     }
+
+    fn moments(&self) -> Vectors<'_> {
+        (&self.moments, self.coefficients)
+    }
+
+    fn locals(&self) -> Vectors<'_> {
+        (&self.locals, self.coefficients)
+    }
+
+    /// Copies the expansions of a level to the table.
+    fn tabulate(&self, batch: &mut Batch, expansions: &wgpu::Buffer, level: usize) {
+        let facets = &self.levels[level];
+        let texels = [facets.start, facets.end].map(|f| f as usize * self.coefficients);
+        let encoder = batch.encoder();
+        self.expansions
+            .copy_part(expansions, texels[0]..texels[1], encoder);
+    }
+}
+
+impl Linked {
+    fn new(gpu: &Gpu, stage: &Shader, layout: &Layout) -> Result<Linked> {
+        Ok(Linked {
+            pipeline: Pipeline::new(gpu, stage)?,
+            lists: Lists::new(gpu, stage.name, layout)?,
+        })
+    }
+}
+
+/// Links of the leaves: their own and those of the facets that hold them. So a surfel is in one row.
+fn by_leaf(octree: &Octree, links: &Rows) -> Rows {
+    let mut entries = Vec::new();
+    let leaves = (0..octree.facets.len()).filter(|&f| octree.facets[f].is_leaf());
+    for leaf in leaves {
+        let above = |&f: &usize| Some(octree.facets[f].parent as usize).filter(|&p| p != f);
+        for f in std::iter::successors(Some(leaf), above) {
+            entries.extend(links.row(f).map(|(source, weight)| Entry {
+                target: leaf as u32,
+                source: source as u32,
+                weight,
+            }));
+        }
+    }
+    Rows::new(octree.facets.len(), entries)
+}
+
+/// Work of a link: what it reads, and its sums over pairs of multi-indices, of which twenty take the
+/// time of a texel.
+fn translation(order: usize) -> usize {
+    let pairs: usize = (1..=6).fold(1, |pairs, k| pairs * (order + k) / k);
+    coefficients(order) + 2 + 9 * pairs / 20
 }
 
 fn facet(facet: &octree::Facet) -> Facet {

@@ -1,6 +1,8 @@
 //! Tables: data that stages read as texels, which software Vulkan reads ten times as fast as
 //! buffers.
 
+use std::ops::Range;
+
 use bytemuck::Pod;
 use wgpu::TextureUsages;
 
@@ -22,9 +24,9 @@ pub struct Table {
     texels: usize,
 }
 
-/// A part of a table that is filled at once: whole rows, or the beginning of one.
+/// A part of a table that is filled at once: whole rows, or a part of one.
 struct Part {
-    bytes: std::ops::Range<usize>,
+    bytes: Range<usize>,
     origin: wgpu::Origin3d,
     size: wgpu::Extent3d,
 }
@@ -36,31 +38,23 @@ impl Table {
 
     /// Records a copy of the whole table's content from the beginning of `buffer`.
     pub fn copy_from(&self, buffer: &wgpu::Buffer, encoder: &mut wgpu::CommandEncoder) {
-        for part in self.parts() {
+        self.copy_part(buffer, 0..self.texels, encoder);
+    }
+
+    /// Records a copy of some of the texels, which have the same place in `buffer`.
+    pub fn copy_part(
+        &self,
+        buffer: &wgpu::Buffer,
+        texels: Range<usize>,
+        encoder: &mut wgpu::CommandEncoder,
+    ) {
+        for part in parts(texels) {
             let from = wgpu::TexelCopyBufferInfo {
                 buffer,
                 layout: layout(part.bytes.start),
             };
             encoder.copy_buffer_to_texture(from, self.at(part.origin), part.size);
         }
-    }
-
-    /// All whole rows, then what is left of the last.
-    fn parts(&self) -> impl Iterator<Item = Part> + use<> {
-        let bytes = self.texels * TEXEL;
-        let whole = bytes / ROW * ROW;
-        [0..whole, whole..bytes]
-            .into_iter()
-            .filter(|bytes| !bytes.is_empty())
-            .map(|bytes| Part {
-                origin: wgpu::Origin3d {
-                    x: 0,
-                    y: (bytes.start / ROW) as u32,
-                    z: 0,
-                },
-                size: size(bytes.len().min(ROW) / TEXEL, bytes.len().div_ceil(ROW)),
-                bytes,
-            })
     }
 
     fn at(&self, origin: wgpu::Origin3d) -> wgpu::TexelCopyTextureInfo<'_> {
@@ -78,7 +72,7 @@ impl Gpu {
         let bytes: &[u8] = bytemuck::cast_slice(data);
         let table = self.empty_table(what, bytes.len() / TEXEL)?;
         self.watch(what, || {
-            for part in table.parts() {
+            for part in parts(0..table.texels) {
                 let data = &bytes[part.bytes];
                 self.queue
                     .write_texture(table.at(part.origin), data, layout(0), part.size);
@@ -118,6 +112,25 @@ impl Gpu {
             })
         })
     }
+}
+
+/// The rest of a row that was begun, whole rows, the beginning of a row.
+fn parts(texels: Range<usize>) -> impl Iterator<Item = Part> {
+    let (start, end) = (texels.start * TEXEL, texels.end * TEXEL);
+    let first = start.next_multiple_of(ROW).min(end);
+    let last = (end / ROW * ROW).max(first);
+    [start..first, first..last, last..end]
+        .into_iter()
+        .filter(|bytes| !bytes.is_empty())
+        .map(|bytes| Part {
+            origin: wgpu::Origin3d {
+                x: (bytes.start % ROW / TEXEL) as u32,
+                y: (bytes.start / ROW) as u32,
+                z: 0,
+            },
+            size: size(bytes.len().min(ROW) / TEXEL, bytes.len().div_ceil(ROW)),
+            bytes,
+        })
 }
 
 fn layout(offset: usize) -> wgpu::TexelCopyBufferLayout {

@@ -6,22 +6,32 @@ use super::Shader;
 const RANGE: &str = include_str!("../../../shaders/shared/range.wgsl");
 /// Expansions and facets.
 const EXPANSION: &str = include_str!("../../../shaders/shared/expansion.wgsl");
+/// Reading coefficients from a table.
+const COEFFICIENTS: &str = include_str!("../../../shaders/shared/coefficients.wgsl");
+/// Derivatives of the kernel.
+pub(super) const KERNEL: &str = include_str!("../../../shaders/shared/kernel.wgsl");
+/// The same for a surfel.
+const SURFEL_KERNEL: &str = include_str!("../../../shaders/shared/surfel_kernel.wgsl");
+/// Writing local expansions.
+const ADD_TO_LOCAL: &str = include_str!("../../../shaders/shared/add_to_local.wgsl");
 /// Reading a table of links.
 const LINK: &str = include_str!("../../../shaders/shared/link.wgsl");
 
 macro_rules! stage {
-    ($name:literal, [$($table:literal),*], [$($expansion:literal),*], [$($shared:expr),*]) => {
+    ($name:literal, [$($table:literal),*], [$($vectors:literal),*], [$($shared:expr),*]) => {
         Shader {
             name: $name,
             tables: &[$($table),*],
-            expansions: &[$($expansion),*],
+            vectors: &[$($vectors),*],
             shared: &[$($shared),*],
             text: include_str!(concat!("../../../shaders/", $name, ".wgsl")),
+            order: 0,
+            full_order: 0,
         }
     };
 }
 
-// Name, tables, expansions, shared texts.
+// Name, tables, light, shared texts.
 pub const VISIBILITY: Shader = stage!("visibility", ["nodes", "occluders"], [], []);
 pub const P2M: Shader = stage!(
     "p2m",
@@ -29,19 +39,46 @@ pub const P2M: Shader = stage!(
     ["moments"],
     [RANGE, EXPANSION]
 );
-pub const M2M: Shader = stage!("m2m", ["facets"], ["moments"], [RANGE, EXPANSION]);
+pub const M2M: Shader = stage!(
+    "m2m",
+    ["facets", "expansions"],
+    ["moments"],
+    [RANGE, EXPANSION, COEFFICIENTS]
+);
 pub const M2L: Shader = stage!(
     "m2l",
-    ["facets", "rows", "links", "moments"],
+    ["facets", "rows", "links", "expansions"],
     ["locals"],
-    [RANGE, EXPANSION, LINK]
+    [RANGE, EXPANSION, COEFFICIENTS, KERNEL, ADD_TO_LOCAL, LINK]
 );
-pub const L2L: Shader = stage!("l2l", ["facets"], ["locals"], [RANGE, EXPANSION]);
-pub const L2P: Shader = stage!("l2p", ["facets", "surfels"], ["locals"], [RANGE, EXPANSION]);
+pub const P2L: Shader = stage!(
+    "p2l",
+    ["facets", "surfels", "rows", "links", "radiosity"],
+    ["locals"],
+    [RANGE, EXPANSION, KERNEL, SURFEL_KERNEL, ADD_TO_LOCAL, LINK]
+);
+pub const M2P: Shader = stage!(
+    "m2p",
+    ["facets", "surfels", "rows", "links", "expansions"],
+    ["irradiance"],
+    [RANGE, EXPANSION, COEFFICIENTS, KERNEL, SURFEL_KERNEL, LINK]
+);
+pub const L2L: Shader = stage!(
+    "l2l",
+    ["facets", "expansions"],
+    ["locals"],
+    [RANGE, EXPANSION, COEFFICIENTS]
+);
+pub const L2P: Shader = stage!(
+    "l2p",
+    ["facets", "surfels", "expansions"],
+    ["irradiance"],
+    [RANGE, EXPANSION, COEFFICIENTS]
+);
 pub const NEAR_FIELD: Shader = stage!(
     "near_field",
     ["rows", "links", "radiosity"],
-    [],
+    ["irradiance"],
     [RANGE, LINK]
 );
 pub const FORM_FACTOR: Shader = stage!("form_factor", ["cells"], [], [RANGE]);
@@ -50,12 +87,17 @@ pub const SCALE: Shader = stage!("scale", [], [], [RANGE]);
 pub const MULTIPLY: Shader = stage!("multiply", [], [], [RANGE]);
 pub const INNER_PRODUCT: Shader = stage!("inner_product", [], [], [RANGE]);
 
+/// Those on expansions, which there are of every order.
+pub const EXPANSION_STAGES: &[&Shader] = &[&P2M, &M2M, &M2L, &P2L, &M2P, &L2L, &L2P];
+
 /// All of them.
 pub const SHADERS: &[&Shader] = &[
     &VISIBILITY,
     &P2M,
     &M2M,
     &M2L,
+    &P2L,
+    &M2P,
     &L2L,
     &L2P,
     &NEAR_FIELD,

@@ -1,0 +1,118 @@
+//! Cartesian tensor expansions of any order p: of what a facet sends out, and of the light that
+//! arrives at it.
+//!
+//! With the vector charge q = A B n of a source at y = c + s, and the tensor of second rank
+//! T(r) = r rᵀ/|r|⁴, the field is F(x) = -(1/π) Σ T(x - y) q. About the centres of two facets, a
+//! distance R apart, it is
+//!
+//! F_i(c' + t) = -(1/π) Σ_β t^β/β! Σ_α (-1)^|α| ∂^(α+β) T_ik(R) Σ_sources q_k s^α/α!,
+//!
+//! of which an expansion of order p keeps the terms with |α + β| ≤ p. Lengths are in units of the
+//! radius of the facet on either side, so that coefficients keep their size whatever the unit of
+//! the scan.
+//!
+//! # Coefficients
+//!
+//! An expansion is a flat list of 1 + 3 C(p+3, 3) colours: a scalar, then for each multi-index in
+//! the order of [`Indices`] the components x, y, z. So the first of them are the expansion of a
+//! lower order. Of the moments these are
+//!
+//! - Σ A B,
+//! - M_k^α = Σ A B n_k s^α / (α! scale^|α|),
+//!
+//! and of a local expansion
+//!
+//! - irradiance that does not depend on the normal, from sampled links,
+//! - L_k^β = scale^|β| ∂^β F_k / β! at the centre, so that F_k = Σ_β L_k^β t^β / scale^|β|.
+//!
+//! # Work
+//!
+//! Multiply-adds of colours (SIMD operations on the CPU), by order:
+//!
+//! | | formula | 1 | 2 | 3 | 4 | 6 |
+//! |---|---|---|---|---|---|---|
+//! | coefficients | 1 + 3 C(p+3,3) | 13 | 31 | 61 | 106 | 253 |
+//! | P2M, L2P a surfel | 3 C(p+3,3) | 12 | 30 | 60 | 105 | 252 |
+//! | M2M, L2L a facet | 3 C(p+6,6) | 21 | 84 | 252 | 630 | 2772 |
+//! | M2L a link | 9 C(p+6,6) + 17 C(p+3,3) | 131 | 422 | 1096 | 2485 | 9744 |
+//! | P2L, M2P an entry | 26 C(p+3,3) | 104 | 260 | 520 | 910 | 2184 |
+//!
+//! of which 17 C(p+3,3) are the derivatives of T. An M2L reads 16 bytes a coefficient in f32: 208 at
+//! order 1, 496 at order 2.
+
+mod indices;
+mod interact;
+mod translate;
+mod workspace;
+
+pub use indices::{Indices, count, position};
+pub use workspace::Workspace;
+
+use crate::math::Real;
+
+/// Number of coefficients of an expansion of this order.
+pub const fn coefficients(order: usize) -> usize {
+    1 + 3 * count(order)
+}
+
+/// The moments or the local expansions of all facets.
+#[derive(Clone, Debug)]
+pub struct Expansions<T: Real> {
+    indices: Indices,
+    coefficients: Vec<T::Rgb>,
+}
+
+impl<T: Real> Expansions<T> {
+    /// Zeros for so many facets.
+    pub fn zeros(order: usize, facets: usize) -> Self {
+        Expansions {
+            indices: Indices::new(order),
+            coefficients: vec![T::Rgb::default(); facets * coefficients(order)],
+        }
+    }
+
+    /// The multi-indices of the coefficients.
+    pub fn indices(&self) -> &Indices {
+        &self.indices
+    }
+
+    pub fn order(&self) -> usize {
+        self.indices.order()
+    }
+
+    /// Coefficients a facet.
+    pub fn stride(&self) -> usize {
+        coefficients(self.order())
+    }
+
+    /// The expansion of facet `f`.
+    #[inline(always)]
+    pub fn of(&self, f: usize) -> &[T::Rgb] {
+        let stride = self.stride();
+        &self.coefficients[f * stride..(f + 1) * stride]
+    }
+
+    /// All coefficients, facet by facet.
+    pub fn as_slice(&self) -> &[T::Rgb] {
+        &self.coefficients
+    }
+
+    /// The multi-indices, and all coefficients to be changed.
+    pub fn split_mut(&mut self) -> (&Indices, &mut [T::Rgb]) {
+        (&self.indices, &mut self.coefficients)
+    }
+}
+
+/// Scalar and vectors of an expansion.
+#[inline(always)]
+fn parts<C>(expansion: &[C]) -> (&C, &[[C; 3]]) {
+    (&expansion[0], expansion[1..].as_chunks().0)
+}
+
+#[inline(always)]
+fn parts_mut<C>(expansion: &mut [C]) -> (&mut C, &mut [[C; 3]]) {
+    match expansion {
+        [scalar, rest @ ..] => (scalar, rest.as_chunks_mut().0),
+        [] => unreachable!("an expansion has a scalar"),
+    }
+}
