@@ -1,5 +1,7 @@
 //! How much memory the process took, how much there is, and whether that is enough.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use crate::error::{Error, Result};
 
 /// Largest resident size of this process so far, in bytes; `None` where the system does not tell.
@@ -35,6 +37,34 @@ pub fn available() -> Option<u64> {
     let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kib * 1024)
+}
+
+/// What may be taken by work whose size shows only as it goes on: what was free at its start.
+pub(crate) struct Budget {
+    free: u64,
+    taken: AtomicU64,
+}
+
+impl Budget {
+    pub fn new() -> Budget {
+        Budget {
+            free: available().unwrap_or(u64::MAX),
+            taken: AtomicU64::new(0),
+        }
+    }
+
+    /// Takes some bytes; fails with [`Error::TooLarge`] where they would not fit.
+    pub fn take(&self, bytes: usize) -> Result<()> {
+        let taken = self.taken.fetch_add(bytes as u64, Ordering::Relaxed) + bytes as u64;
+        if taken > self.free {
+            return Err(Error::TooLarge(format!(
+                "the links do not fit into {} MiB of memory: ask for a larger tolerance, or take \
+                 fewer points",
+                self.free >> 20
+            )));
+        }
+        Ok(())
+    }
 }
 
 /// Memory that a solve takes a point, at least; measured are 1,200 bytes (a room of a million points)

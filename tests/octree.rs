@@ -4,7 +4,7 @@ mod clouds;
 
 use clouds::*;
 use fmmgi_gpu::Surfels;
-use fmmgi_gpu::octree::{Facet, LEAF_SIZE, MAX_HALF_ANGLE, Octree};
+use fmmgi_gpu::octree::{Cell, Facet, LEAF_SIZE, MAX_HALF_ANGLE, Octree};
 use fmmgi_gpu::progress::Silent;
 use glam::DVec3;
 use proptest::prelude::*;
@@ -16,11 +16,6 @@ fn built(cloud: &fmmgi_gpu::PointCloud) -> (Octree, Surfels) {
 /// What holds for every octree.
 fn check(octree: &Octree, s: &Surfels, given: &Surfels) {
     let facets = &octree.facets;
-    let extent = s
-        .positions
-        .iter()
-        .fold(0.0_f32, |m, p| m.max(p.abs().max_element()));
-
     // The surfels are the given ones in another order.
     let mut order = s.points.clone();
     order.sort_unstable();
@@ -70,8 +65,9 @@ fn check(octree: &Octree, s: &Surfels, given: &Surfels) {
     );
 
     for facet in facets {
-        check_bounds(facet, s, extent);
+        check_bounds(facet, s);
     }
+    check_cells(octree, s);
     // Splits by place begin below a facet whose normals keep to the cone.
     let narrow = |f: usize| f64::from(facets[f].spread) <= MAX_HALF_ANGLE.sin();
     for leaf in (0..facets.len()).filter(|&f| facets[f].is_leaf()) {
@@ -83,39 +79,95 @@ fn check(octree: &Octree, s: &Surfels, given: &Surfels) {
     }
 }
 
-/// Bounds are measured in f64 and rounded to f32: to half a unit in the last place, that is 6e-8 of
-/// the largest coordinate for lengths (three times that for sums of three products) and of 1 for
-/// directions.
-fn check_bounds(facet: &Facet, s: &Surfels, extent: f32) {
-    let slack = f64::from(extent) * 4e-7;
+/// Bounds are measured in f64, for centre and axis as they are stored, and rounded up.
+fn check_bounds(facet: &Facet, s: &Surfels) {
     let centre = facet.centre.as_dvec3();
     let axis = facet.axis.as_dvec3();
     assert!((axis.length() - 1.0).abs() < 1e-6);
-    let (mut area, mut spacing) = (0.0, 0.0_f32);
+    let [mut low, mut high] = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+    let (mut radius, mut slab, mut spread) = (0.0_f64, [f64::INFINITY, f64::NEG_INFINITY], 0.0_f64);
+    let (mut area, mut spacing, mut reach) = (0.0, 0.0_f32, 0.0_f32);
     for i in facet.surfels() {
         let p = s.positions[i].as_dvec3();
-        assert!(p.distance(centre) <= f64::from(facet.radius) + slack);
-        assert!(s.positions[i].cmpge(facet.low).all() && s.positions[i].cmple(facet.high).all());
-        let height = axis.dot(p);
-        assert!(height >= f64::from(facet.slab[0]) - slack);
-        assert!(height <= f64::from(facet.slab[1]) + slack);
+        [low, high] = [low.min(p), high.max(p)];
+        radius = radius.max(p.distance(centre));
+        let height = axis.dot(p - centre);
+        slab = [slab[0].min(height), slab[1].max(height)];
         let n = s.normals[i].as_dvec3();
-        let sine = if axis.dot(n) > 0.0 {
-            axis.cross(n).length()
+        spread = spread.max(if axis.dot(n) > 0.0 {
+            axis.cross(n).length().min(1.0)
         } else {
             1.0
-        };
-        assert!(
-            sine <= f64::from(facet.spread) + 1e-6,
-            "normal {n} at {sine}, spread {}",
-            facet.spread
-        );
+        });
         area += f64::from(s.areas[i]);
         spacing = spacing.max(s.areas[i].sqrt());
+        let corners = s.cells.corners[i].iter();
+        reach = corners.fold(reach, |reach, c| reach.max(c.length()));
     }
+    assert_eq!((facet.low, facet.high), (low.as_vec3(), high.as_vec3()));
+    // They hold, and are no larger than the next f32 (in f64 to a few units in the last place).
+    let bounds = |f: f32, exact: f64| {
+        let slack = 1e-15 * exact.abs();
+        f64::from(f) >= exact - slack && f64::from(f.next_down()) <= exact + slack
+    };
+    assert!(bounds(facet.radius, radius), "{} {radius}", facet.radius);
+    assert!(bounds(facet.spread, spread), "{} {spread}", facet.spread);
+    let slack = 1e-15 * radius;
+    assert!(f64::from(facet.slab[0]) <= slab[0] + slack);
+    assert!(f64::from(facet.slab[1]) >= slab[1] - slack);
+    // Normals are of unit length to f32 only.
+    assert!(
+        facet
+            .slab
+            .iter()
+            .all(|h| h.abs() <= 1.000001 * facet.radius)
+    );
     assert!((f64::from(facet.area) / area - 1.0).abs() < 1e-6);
-    assert!((facet.spacing / spacing - 1.0).abs() < 1e-6);
+    assert_eq!(facet.spacing, spacing);
+    assert!((facet.reach / reach - 1.0).abs() < 1e-6);
     assert!(facet.spread <= 1.0 && facet.radius >= 0.0 && facet.scale() > 0.0);
+}
+
+/// Cubes of facets: common above the cones, below them octants, each in its parent's.
+fn check_cells(octree: &Octree, s: &Surfels) {
+    let facets = &octree.facets;
+    let [low, high] = [facets[0].low, facets[0].high];
+    let finest = f64::from((high - low).max_element()) / f64::from(1 << 21);
+    for facet in facets {
+        let side = f64::from(1 << 21_u32.saturating_sub(facet.cell.level));
+        let corner = facet.cell.corner.as_dvec3();
+        for i in facet.surfels() {
+            let place = (s.positions[i] - low).as_dvec3() / finest.max(f64::MIN_POSITIVE) - corner;
+            assert!(place.min_element() > -1e-3 && place.max_element() < side + 1e-3);
+        }
+    }
+    let mut below_cone = vec![false; facets.len()];
+    for &c in &octree.cones {
+        below_cone[c as usize] = true;
+    }
+    assert!(octree.cones.is_sorted());
+    let surfels: usize = octree.cones.iter().map(|&c| facets[c as usize].len()).sum();
+    assert_eq!(surfels, facets[0].len(), "cones part the surfels");
+    for (f, facet) in facets.iter().enumerate() {
+        let cell = facet.cell;
+        if !below_cone[f] {
+            assert_eq!(cell, Cell::default());
+            continue;
+        }
+        let children = &facets[facet.first_child as usize..][..facet.child_count as usize];
+        for (k, child) in children.iter().enumerate() {
+            below_cone[facet.first_child as usize + k] = true;
+            assert!(child.cell.level > cell.level);
+            assert_eq!(child.cell.ancestor(cell.level), cell);
+            assert!(!child.is_leaf() || child.cell.level == cell.level + 1);
+            // Octants touch, and are not the same; halves are.
+            let octants = children.iter().map(|c| c.cell.ancestor(cell.level + 1));
+            let same = octants.filter(|&c| c == child.cell.ancestor(cell.level + 1));
+            let halves = cell.level >= 21;
+            assert_eq!(same.count(), if halves { children.len() } else { 1 });
+            assert!(cell.touches(child.cell) == (cell.level <= 21));
+        }
+    }
 }
 
 #[test]

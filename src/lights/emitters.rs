@@ -177,7 +177,7 @@ impl Emitters {
             // Heights of the emitters above the receiver and of the receiver above them.
             let above = -n.dot(way);
             let axis = facet.axis.as_dvec3();
-            let height = axis.dot(x);
+            let height = axis.dot(way);
             let slack = f64::from(facet.spread) * (distance + radius);
             // A cell may rise above a horizon that its surfel lies below.
             let reach = f64::from(facet.reach);

@@ -11,7 +11,7 @@
 use rayon::prelude::*;
 
 use super::judge::{Judge, Outcome, Pair, Sample, Trial, Verdict};
-use super::{Accuracy, Entry, Links, Rows};
+use super::{Accuracy, Entry, Links, Rows, splits_target};
 use crate::error::{Error, Result};
 use crate::expansion::{Indices, Surface};
 use crate::memory;
@@ -274,7 +274,7 @@ impl Traversal<'_> {
     /// The children of the larger facet with the other one.
     fn split(&self, pair: Pair, next: &mut Vec<Pair>) {
         let (a, b) = self.judge.facets(pair);
-        if b.is_leaf() || (!a.is_leaf() && a.radius >= b.radius) {
+        if splits_target(a, b) {
             let share = pair.share / a.child_count as f32;
             let pairs = a.children().map(|target| Pair {
                 target,

@@ -3,6 +3,41 @@
 use crate::expansion::NEAR_SPACINGS;
 use crate::octree::Facet;
 
+/// Which cosines count.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Cosines {
+    /// Positive ones: max(0, cos). Sources nearby are cells.
+    Clamped {
+        /// Expansions cannot clamp: of facets that do not face each other entirely they bring light
+        /// from below the horizon, where there is none. That is accepted up to this form factor.
+        /// At 0 all around the horizon of a curved surface is refined down to leaves, for every leaf
+        /// that sees it.
+        tolerance: f32,
+    },
+    /// Those of either sign, as in (C.2): every pair counts. Sources are points, however near.
+    Signed,
+}
+
+impl Cosines {
+    /// How two facets face each other where these cosines count.
+    pub fn facing(self, target: &Facet, source: &Facet) -> Facing {
+        match self {
+            Cosines::Clamped { .. } => Facing::between(target, source),
+            Cosines::Signed => Facing::everything(target, source),
+        }
+    }
+
+    /// May an expansion, which is of point sources and signed cosines, stand for the source?
+    pub fn expand(self, facing: &Facing, source: &Facet) -> bool {
+        match self {
+            Cosines::Clamped { tolerance } => {
+                !facing.near && (facing.full() || facing.below_horizon(source) <= tolerance)
+            }
+            Cosines::Signed => true,
+        }
+    }
+}
+
 /// What holds for every surfel x of a target facet and y of a source facet.
 #[derive(Clone, Copy, Debug)]
 pub struct Facing {
@@ -43,6 +78,18 @@ impl Facing {
         facing
     }
 
+    /// As if all surfels faced each other.
+    fn everything(target: &Facet, source: &Facet) -> Facing {
+        let distance = target.centre.distance(source.centre);
+        Facing {
+            distance,
+            gap: (distance - target.radius - source.radius).max(0.0),
+            near: false,
+            target: [0.0, f32::INFINITY],
+            source: [0.0, f32::INFINITY],
+        }
+    }
+
     /// No surfel of one faces any surfel of the other.
     pub fn averted(&self) -> bool {
         // A height that is rounding noise does not count as facing.
@@ -64,6 +111,17 @@ impl Facing {
         }
         let range = (heights[1] - heights[0]) / self.distance;
         0.125 * opening * (2.0 * opening / range).min(1.0)
+    }
+
+    /// Largest form factor of the source where signed cosines give one but clamped ones do not.
+    fn below_horizon(&self, source: &Facet) -> f32 {
+        let [t, s] = [self.target, self.source];
+        let product = f32::max(-t[0] * s[1].max(-s[0]), -s[0] * t[1].max(-t[0]));
+        let square = self.gap * self.gap;
+        match square > 0.0 {
+            true => source.area * (product.max(0.0) / square) / (std::f32::consts::PI * square),
+            false => f32::INFINITY,
+        }
     }
 
     /// Upper bounds of the cosines at target and source.
@@ -98,14 +156,14 @@ fn heights(a: &Facet, b: &Facet, farthest: f32) -> [f32; 2] {
     [-highest(a.slab[1] - least), highest(most - a.slab[0])]
 }
 
-/// Bounds of a's axis · b: from the box of b, and from its slab and radius, which are tighter where
-/// b is flat and lies askew in its box.
+/// Bounds of a's axis · (b - a's centre): from the box of b, and from its slab and radius, which are
+/// tighter where b is flat and lies askew in its box.
 fn along(a: &Facet, b: &Facet) -> [f32; 2] {
-    let (low, high) = (a.axis * b.low, a.axis * b.high);
-    let centre = a.axis.dot(b.centre);
+    let (low, high) = (a.axis * (b.low - a.centre), a.axis * (b.high - a.centre));
+    let centre = a.axis.dot(b.centre - a.centre);
     let cos = a.axis.dot(b.axis);
     let across = a.axis.cross(b.axis).length() * b.radius;
-    let slab = b.slab.map(|s| cos * (s - b.axis.dot(b.centre)));
+    let slab = b.slab.map(|s| cos * s);
     [
         (low.min(high).element_sum()).max(centre + slab[0].min(slab[1]) - across),
         (low.max(high).element_sum()).min(centre + slab[0].max(slab[1]) + across),

@@ -1,17 +1,26 @@
 //! Links: which facet or surfel takes light from which, and how much of it gets through.
 
 mod accuracy;
+mod adaptive;
 mod build;
 mod csr;
+mod dual;
 mod facing;
 mod judge;
+mod near;
 mod spans;
+mod walk;
 
 pub use accuracy::Accuracy;
+pub use adaptive::adaptive;
 pub use build::{build, build_open};
 pub use csr::{Entry, Rows};
-pub use facing::Facing;
+pub use dual::{Mac, THETA, Verdict, dual};
+pub use facing::{Cosines, Facing};
 pub use spans::Span;
+pub use walk::Interaction;
+
+use crate::octree::Facet;
 
 /// Largest order of mixed links: what they get wrong at the horizon, more terms do not mend.
 pub const MIXED_ORDER: usize = 2;
@@ -81,4 +90,9 @@ impl Links {
             ("near", self.near.len() as u64),
         ]
     }
+}
+
+/// Of two facets that make no link the larger one is split: is it the target?
+fn splits_target(target: &Facet, source: &Facet) -> bool {
+    source.is_leaf() || (!target.is_leaf() && target.radius >= source.radius)
 }

@@ -1,89 +1,117 @@
-//! Building the octree, level by level and in parallel.
+//! Building the octree: surfels are sorted once, by the cone of their normals and along a Morton
+//! curve; then cells are cut from the sorted codes, level by level and in parallel.
 
-use glam::{DVec3, Vec3};
+use std::ops::Range;
+
 use rayon::prelude::*;
 
-use super::{Facet, MAX_HALF_ANGLE};
+use super::cell::{self, Cell, MORTON_LEVELS};
+use super::cones::{Cones, Part};
+use super::measure::measure;
+use super::{Facet, Octree};
 use crate::points::Surfels;
 
-/// Levels of the Morton code: bits an axis.
-const MORTON_LEVELS: u32 = 21;
+/// What a surfel is sorted by.
+#[derive(Clone, Copy)]
+struct Key {
+    /// Morton code in the common cube.
+    code: u64,
+    /// Place of its cone among the cones.
+    cone: u32,
+    /// Which surfel it is.
+    index: u32,
+}
 
-pub(super) struct Builder<'a> {
+/// What the surfels of a facet under construction have in common.
+#[derive(Clone, Copy)]
+enum Kind<'a> {
+    /// A part of the tree of cones.
+    Part(&'a Part),
+    /// Codes that agree above this level.
+    Level(u32),
+}
+
+/// A facet under construction, with its surfels.
+struct Open<'a, 'k> {
+    begin: u32,
+    parent: u32,
+    kind: Kind<'a>,
+    keys: &'k mut [Key],
+}
+
+struct Builder<'a> {
     surfels: &'a Surfels,
     leaf_size: usize,
-    /// Morton code of each surfel in the common cube.
-    codes: Vec<u64>,
+    cones: &'a Cones,
 }
 
-pub(super) struct Built {
-    pub facets: Vec<Facet>,
-    pub levels: Vec<u32>,
-    /// Surfels in the octree's order.
-    pub surfels: Vec<u32>,
+pub(super) fn build(surfels: &Surfels, leaf_size: usize) -> (Octree, Surfels) {
+    let cones = Cones::of(surfels);
+    let mut keys = keys(surfels, &cones);
+    let builder = Builder {
+        surfels,
+        leaf_size,
+        cones: &cones,
+    };
+    let mut octree = builder.facets(&mut keys);
+    drop(cones);
+    let order: Vec<u32> = keys.par_iter().map(|k| k.index).collect();
+    drop(keys);
+    let sorted = surfels.reordered(&order);
+    measure(&mut octree, &sorted);
+    (octree, sorted)
 }
 
-/// How a facet's surfels are ordered so far.
-#[derive(Clone, Copy)]
-enum Split {
-    /// By normal; positions in no order.
-    Normal,
-    /// By Morton code, all codes equal above this level.
-    Morton(u32),
-}
-
-/// A facet of the level under construction, with its surfels.
-struct Open<'s> {
-    facet: Facet,
-    split: Split,
-    members: &'s mut [u32],
+/// The keys of all surfels in the octree's order.
+fn keys(surfels: &Surfels, cones: &Cones) -> Vec<Key> {
+    // Cones are ranked so that those of one part follow one another.
+    let mut ranks = vec![0; cones.parts.len()];
+    let mut stack = vec![0_u32];
+    for rank in 0.. {
+        let Some(part) = stack.pop() else { break };
+        ranks[part as usize] = rank;
+        stack.extend(cones.parts[part as usize].children.clone().rev());
+    }
+    let mut keys: Vec<Key> = cell::codes(&surfels.positions)
+        .zip(&cones.part_of)
+        .enumerate()
+        .map(|(i, (code, &part))| Key {
+            code,
+            cone: ranks[part as usize],
+            index: i as u32,
+        })
+        .collect();
+    keys.par_sort_unstable_by_key(|k| (k.cone, k.code, k.index));
+    keys
 }
 
 impl<'a> Builder<'a> {
-    pub fn new(surfels: &'a Surfels, leaf_size: usize) -> Self {
-        let (low, high) = surfels
-            .positions
-            .iter()
-            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), &p| {
-                (low.min(p), high.max(p))
-            });
-        let size = f64::from((high - low).max_element()).max(f64::MIN_POSITIVE);
-        let cells = f64::from(1u32 << MORTON_LEVELS);
-        let codes = surfels
-            .positions
-            .par_iter()
-            .map(|&p| {
-                let cell = (p - low).as_dvec3() / size * cells;
-                morton(cell.min(DVec3::splat(cells - 1.0)).as_u64vec3().to_array())
-            })
-            .collect();
-        Builder {
-            surfels,
-            leaf_size,
-            codes,
-        }
-    }
-
-    pub fn run(&self) -> Built {
-        let mut surfels: Vec<u32> = (0..self.surfels.len() as u32).collect();
-        let root = Facet::measure(self.surfels, &surfels, 0, 0);
+    /// Facets that are not measured yet.
+    fn facets(&self, keys: &mut [Key]) -> Octree {
         let mut facets: Vec<Facet> = Vec::new();
         let mut levels = vec![0];
+        let mut cones = Vec::new();
         let mut level = vec![Open {
-            facet: root,
-            split: Split::Normal,
-            members: &mut surfels,
+            begin: 0,
+            parent: 0,
+            kind: Kind::Part(&self.cones.parts[0]),
+            keys,
         }];
         while !level.is_empty() {
             let first = facets.len() as u32;
-            let parts: Vec<(Facet, Vec<Open>)> = level
+            for (k, open) in level.iter().enumerate() {
+                if matches!(open.kind, Kind::Part(part) if part.children.is_empty()) {
+                    cones.push(first + k as u32);
+                }
+            }
+            let divided: Vec<(Facet, Vec<Open>)> = level
                 .into_par_iter()
                 .enumerate()
                 .map(|(k, open)| self.divide(open, first + k as u32))
                 .collect();
-            let mut next_child = first + parts.len() as u32;
+            let mut next_child = first + divided.len() as u32;
             level = Vec::new();
-            for (mut facet, children) in parts {
+            for (mut facet, children) in divided {
                 facet.first_child = next_child;
                 facet.child_count = children.len() as u32;
                 next_child += facet.child_count;
@@ -92,140 +120,98 @@ impl<'a> Builder<'a> {
             }
             levels.push(facets.len() as u32);
         }
-        Built {
+        Octree {
             facets,
             levels,
-            surfels,
+            cones,
         }
     }
 
     /// Splits a facet by normal if its cone is too wide, else by place if it has too many surfels.
-    fn divide<'s>(&self, open: Open<'s>, index: u32) -> (Facet, Vec<Open<'s>>) {
-        let Open {
-            facet,
-            split,
-            members,
-        } = open;
-        let wide = f64::from(facet.spread) > MAX_HALF_ANGLE.sin();
-        let (cuts, split) = match split {
-            Split::Normal if wide => (self.cut_by_normal(members), Split::Normal),
-            Split::Normal if members.len() > self.leaf_size => {
-                members.par_sort_unstable_by_key(|&i| (self.codes[i as usize], i));
-                self.cut_by_place(members, 0)
+    fn divide<'k>(&self, open: Open<'a, 'k>, index: u32) -> (Facet, Vec<Open<'a, 'k>>) {
+        let code = |key: Option<&Key>| key.map_or(0, |k| k.code);
+        let (first, last) = (code(open.keys.first()), code(open.keys.last()));
+        let large = open.keys.len() > self.leaf_size;
+        let (level, parts): (u32, Vec<(usize, Kind)>) = match open.kind {
+            Kind::Part(part) if !part.children.is_empty() => (0, self.parts(&part.children)),
+            // Single octants on the way are skipped.
+            Kind::Part(_) => match common_level(first, last) {
+                level if large => (level, cut(open.keys, level)),
+                level => (level, Vec::new()),
+            },
+            Kind::Level(level) if large => {
+                let level = level.max(common_level(first, last));
+                (level, cut(open.keys, level))
             }
-            Split::Morton(MORTON_LEVELS) if members.len() > self.leaf_size => {
-                (self.cut_in_half(members), split)
-            }
-            Split::Morton(level) if members.len() > self.leaf_size => {
-                self.cut_by_place(members, level)
-            }
-            _ => (Vec::new(), split),
+            Kind::Level(level) => (level, Vec::new()),
         };
-        let children = split_at(members, &cuts)
-            .scan(facet.begin, |begin, part| {
-                let at = *begin;
-                *begin += part.len() as u32;
-                Some((at, part))
-            })
-            .collect::<Vec<_>>()
-            .into_par_iter()
-            .map(|(begin, part)| Open {
-                facet: Facet::measure(self.surfels, part, begin, index),
-                split,
-                members: part,
-            })
-            .collect();
-        (facet, children)
+        if level >= MORTON_LEVELS && !parts.is_empty() {
+            self.sort_along_widest(open.keys);
+        }
+        let facet = Facet {
+            begin: open.begin,
+            end: open.begin + open.keys.len() as u32,
+            parent: open.parent,
+            cell: Cell::of(first, level),
+            ..Facet::default()
+        };
+        let mut begin = open.begin;
+        let mut rest = open.keys;
+        let children = parts.into_iter().map(|(len, kind)| {
+            let (keys, tail) = std::mem::take(&mut rest).split_at_mut(len);
+            rest = tail;
+            begin += len as u32;
+            Open {
+                begin: begin - len as u32,
+                parent: index,
+                kind,
+                keys,
+            }
+        });
+        (facet, children.collect())
     }
 
-    /// Sorts by orientation; returns where parts end. Very different normals part by the face of
-    /// the cube that they point to, others at the middle of their widest extent.
-    fn cut_by_normal(&self, members: &mut [u32]) -> Vec<usize> {
-        let normal = |i: u32| self.surfels.normals[i as usize];
-        let (low, high) = members
+    /// Lengths of the parts of a part that are not empty.
+    fn parts(&self, children: &Range<u32>) -> Vec<(usize, Kind<'a>)> {
+        let range = children.start as usize..children.end as usize;
+        let parts = self.cones.parts[range].iter().filter(|p| p.len > 0);
+        parts.map(|p| (p.len, Kind::Part(p))).collect()
+    }
+
+    /// For halves, below the finest level of the Morton code (a cloud that is tiny against its strays).
+    fn sort_along_widest(&self, keys: &mut [Key]) {
+        let place = |k: &Key| self.surfels.positions[k.index as usize];
+        let (low, high) = keys
             .iter()
-            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), &i| {
-                (low.min(normal(i)), high.max(normal(i)))
-            });
-        let extent = high - low;
-        if extent.max_element() > 1.8 {
-            return cut_by_key(members, |i| cube_face(normal(i)));
-        }
-        let axis = extent.max_position();
-        let middle = 0.5 * (low + high)[axis];
-        cut_by_key(members, |i| usize::from(normal(i)[axis] > middle))
-    }
-
-    /// Where the octants of sorted surfels end that agree above `level`; single octants on the way
-    /// are skipped.
-    fn cut_by_place(&self, members: &mut [u32], mut level: u32) -> (Vec<usize>, Split) {
-        let octant =
-            |i: u32, level: u32| (self.codes[i as usize] >> (3 * (MORTON_LEVELS - 1 - level))) & 7;
-        let (first, last) = (members[0], members[members.len() - 1]);
-        while level < MORTON_LEVELS && octant(first, level) == octant(last, level) {
-            level += 1;
-        }
-        if level == MORTON_LEVELS {
-            return (self.cut_in_half(members), Split::Morton(level));
-        }
-        let cuts = (1..members.len())
-            .filter(|&k| octant(members[k - 1], level) != octant(members[k], level))
-            .chain([members.len()])
-            .collect();
-        (cuts, Split::Morton(level + 1))
-    }
-
-    /// Below the finest level of the Morton code (a cloud that is tiny against its strays) halves do.
-    fn cut_in_half(&self, members: &mut [u32]) -> Vec<usize> {
-        let place = |i: u32| self.surfels.positions[i as usize];
-        let (low, high) = members
-            .iter()
-            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), &i| {
-                (low.min(place(i)), high.max(place(i)))
+            .fold((place(&keys[0]), place(&keys[0])), |b, k| {
+                (b.0.min(place(k)), b.1.max(place(k)))
             });
         let axis = (high - low).max_position();
-        members.sort_by(|&i, &j| place(i)[axis].total_cmp(&place(j)[axis]));
-        vec![members.len() / 2, members.len()]
+        keys.sort_by(|a, b| place(a)[axis].total_cmp(&place(b)[axis]));
     }
 }
 
-/// Sorts by a small key, stably; returns where the parts of equal key end, or nothing if all are
-/// equal.
-fn cut_by_key(members: &mut [u32], key: impl Fn(u32) -> usize + Sync) -> Vec<usize> {
-    members.par_sort_by_key(|&i| key(i));
-    let cuts: Vec<usize> = (1..members.len())
-        .filter(|&k| key(members[k - 1]) != key(members[k]))
-        .chain([members.len()])
-        .collect();
-    if cuts.len() > 1 { cuts } else { Vec::new() }
+/// The finest level at which sorted codes from first to last lie in one cell.
+fn common_level(first: u64, last: u64) -> u32 {
+    let differing = u64::BITS - (first ^ last).leading_zeros();
+    MORTON_LEVELS - differing.div_ceil(3)
 }
 
-/// The parts of a slice that end at `cuts`.
-fn split_at<'s>(mut rest: &'s mut [u32], cuts: &[usize]) -> impl Iterator<Item = &'s mut [u32]> {
-    let mut begin = 0;
-    cuts.iter().map(move |&end| {
-        let (part, tail) = std::mem::take(&mut rest).split_at_mut(end - begin);
-        rest = tail;
-        begin = end;
-        part
-    })
-}
-
-/// Which face of a cube a direction points to.
-fn cube_face(n: Vec3) -> usize {
-    let axis = n.abs().max_position();
-    2 * axis + usize::from(n[axis] < 0.0)
-}
-
-/// Interleaves the lowest 21 bits of three coordinates.
-fn morton(cell: [u64; 3]) -> u64 {
-    let spread = |v: u64| {
-        let mut x = v & 0x1f_ffff;
-        x = (x | x << 32) & 0x001f_0000_0000_ffff;
-        x = (x | x << 16) & 0x001f_0000_ff00_00ff;
-        x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
-        x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
-        (x | x << 2) & 0x1249_2492_4924_9249
-    };
-    spread(cell[0]) | spread(cell[1]) << 1 | spread(cell[2]) << 2
+/// Lengths of the octants of sorted keys whose codes agree down to `level`, or of halves below the
+/// finest one.
+fn cut<'a>(keys: &[Key], level: u32) -> Vec<(usize, Kind<'a>)> {
+    let kind = Kind::Level(level + 1);
+    if level >= MORTON_LEVELS {
+        let half = keys.len() / 2;
+        return vec![(half, kind), (keys.len() - half, kind)];
+    }
+    let octant = |k: &Key| k.code >> (3 * (MORTON_LEVELS - 1 - level));
+    let mut rest = keys;
+    let mut parts = Vec::with_capacity(8);
+    while let Some(first) = rest.first() {
+        let len = rest.partition_point(|k| octant(k) <= octant(first));
+        parts.push((len, kind));
+        rest = &rest[len..];
+    }
+    parts
 }

@@ -1,8 +1,12 @@
 //! The octree of facets: cells of space, split by normal as well.
 
 mod build;
+mod cell;
+mod cones;
 mod facet;
+mod measure;
 
+pub use cell::Cell;
 pub use facet::Facet;
 
 use crate::points::Surfels;
@@ -19,6 +23,9 @@ pub struct Octree {
     pub facets: Vec<Facet>,
     /// First facet of each level, and the number of facets at the end.
     pub levels: Vec<u32>,
+    /// Facets below which all splits are by place: their normals keep to a cone, and every surfel
+    /// is in one of them. In increasing order.
+    pub cones: Vec<u32>,
 }
 
 /// Largest half-angle, in radians, of the cone of a facet's normals below the orientation splits.
@@ -34,13 +41,7 @@ impl Octree {
     /// Builds the octree, with at most `leaf_size` surfels a leaf (the paper's s); returns it with
     /// the surfels in its order, in which each facet's surfels lie side by side.
     pub fn build(surfels: &Surfels, leaf_size: usize) -> (Octree, Surfels) {
-        let order = build::Builder::new(surfels, leaf_size).run();
-        let sorted = surfels.reordered(&order.surfels);
-        let octree = Octree {
-            facets: order.facets,
-            levels: order.levels,
-        };
-        (octree, sorted)
+        build::build(surfels, leaf_size)
     }
 
     /// Facets of one level.

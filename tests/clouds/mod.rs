@@ -6,7 +6,7 @@ use std::f64::consts::{PI, TAU};
 use fmmgi_gpu::points::Prepared;
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::{PointCloud, Surfels};
-use glam::{DQuat, DVec2, DVec3, Vec3};
+use glam::{DQuat, DVec2, DVec3, Vec2, Vec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -171,4 +171,24 @@ pub fn sphere(n: usize, jitter: f64, inside: bool, seed: u64) -> PointCloud {
             .into_iter()
             .map(|p| (p, p * side)),
     )
+}
+
+/// Surfels as they are given, even several at one place, each a square cell of this area.
+pub fn bare(points: impl IntoIterator<Item = (DVec3, DVec3)>, area: f64) -> Surfels {
+    let mut s = Surfels::default();
+    let half = (0.5 * area.sqrt()) as f32;
+    for (p, n) in points {
+        let corners = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
+        let corner = |k: usize| Vec2::from(corners[k.min(3)]) * half;
+        s.points.push(s.positions.len() as u32);
+        s.positions.push(p.as_vec3());
+        s.normals.push(n.as_vec3());
+        s.areas.push(area as f32);
+        s.reflectance.push(Vec3::splat(0.5));
+        s.emission.push(Vec3::ZERO);
+        s.offsets.push(0.02 * half);
+        s.cells.tangents.push(n.any_orthonormal_vector().as_vec3());
+        s.cells.corners.push(std::array::from_fn(corner));
+    }
+    s
 }
