@@ -71,7 +71,7 @@ fn errors(order: usize, source: &Cluster, target: &Cluster, radii: [f64; 2]) -> 
     let moments = source.moments(&mut w, order, source.centre, radii[0]);
     let mut local = vec![DVec3::ZERO; coefficients(order)];
     let way = target.centre - source.centre;
-    w.m2l(order, &moments, radii[0], way, radii[1], 1.0, &mut local);
+    w.m2l(order, &moments, way, radii, 1.0, &mut local);
     let places = target.places.iter().zip(&target.normals);
     places
         .map(|(x, n)| {

@@ -30,7 +30,7 @@ pub fn remainder(order: usize, opening: f64) -> f64 {
 ///
 /// That is (source² + target²)^((p+1)/2): places of source and target are independent, and most are
 /// well within the radii. Measured over pairs of flat or curved facets that face each other at any
-/// angle up to 84 degrees, centred where the octree centres them, at openings of 0.2 to 0.6: 0.5 to
+/// angle up to 84 degrees, centred where the octree centres them, at openings of 0.2 to 0.6: 0.4 to
 /// 1.4 times this to order 3 and up to 1.8 times at order 6, whatever the opening, where the target's
 /// radius is no less than half the source's (less where it is); for facets of four surfels anywhere
 /// 0.8 to 1.8 times to order 3, up to 3.8 times at order 6. [`remainder`], which takes all
