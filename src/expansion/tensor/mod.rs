@@ -120,8 +120,6 @@ fn parts<C>(expansion: &[C]) -> (&C, &[[C; 3]]) {
 
 #[inline(always)]
 fn parts_mut<C>(expansion: &mut [C]) -> (&mut C, &mut [[C; 3]]) {
-    match expansion {
-        [scalar, rest @ ..] => (scalar, rest.as_chunks_mut().0),
-        [] => unreachable!("an expansion has a scalar"),
-    }
+    let (scalar, vectors) = expansion.split_at_mut(1);
+    (&mut scalar[0], vectors.as_chunks_mut().0)
 }
