@@ -102,13 +102,22 @@ fn clouds_of_all_kinds() -> Vec<(&'static str, Surfels)> {
     ]
 }
 
-/// How often each ordered pair (target, source) of surfels is linked.
-fn coverage(links: &Links, octree: &Octree, n: usize) -> Vec<u8> {
+/// How often each ordered pair (target, source) of surfels is linked. P2P leaves out those for which
+/// `is_near` holds.
+fn coverage(
+    links: &Links,
+    octree: &Octree,
+    n: usize,
+    is_near: impl Fn(usize, usize) -> bool,
+) -> Vec<u8> {
     let mut count = vec![0u8; n * n];
-    for (target, source) in of_facets(links).flat_map(|rows| pairs(rows, octree)) {
-        for i in target.surfels() {
-            for j in source.surfels() {
-                count[i * n + j] += 1;
+    for rows in of_facets(links) {
+        let p2p = std::ptr::eq(rows, &links.p2p);
+        for (target, source) in pairs(rows, octree) {
+            for i in target.surfels() {
+                for j in source.surfels() {
+                    count[i * n + j] += u8::from(!p2p || !is_near(i, j));
+                }
             }
         }
     }
@@ -126,7 +135,7 @@ fn with_a_kernel_of_one_every_pair_counts_once() {
         for leaf_size in [1, 5, 32] {
             let (octree, s) = Octree::build(&given, leaf_size);
             for (kind, links) in lists(&octree, &s, Cosines::Signed, 3) {
-                let count = coverage(&links, &octree, s.len());
+                let count = coverage(&links, &octree, s.len(), |_, _| false);
                 let wrong = count.iter().filter(|&&c| c != 1).count();
                 assert_eq!(wrong, 0, "{name}, {kind}, leaves of {leaf_size}");
                 assert!(links.near.is_empty());
@@ -193,7 +202,7 @@ fn every_pair_that_exchanges_light_is_linked_once() {
             let (n, surface) = (s.len(), Surface::<f32>::new(&s));
             for (kind, links) in lists(&octree, &s, Cosines::Clamped { tolerance }, 3) {
                 let at = format!("{name}, {kind}, leaves of {leaf_size}");
-                let count = coverage(&links, &octree, n);
+                let count = coverage(&links, &octree, n, |i, j| surface.is_near(i, j));
                 assert!(
                     count.iter().all(|&c| c <= 1),
                     "{at}: a pair is linked twice"
@@ -376,7 +385,7 @@ proptest! {
             .collect();
         let (octree, s) = Octree::build(&bare(points, 0.1), leaf_size);
         for (kind, links) in lists(&octree, &s, Cosines::Signed, order) {
-            let count = coverage(&links, &octree, s.len());
+            let count = coverage(&links, &octree, s.len(), |_, _| false);
             prop_assert!(count.iter().all(|&c| c == 1), "{}", kind);
         }
     }

@@ -8,11 +8,13 @@
 //!
 //! [`hausner`] is the basis of the report that this project began with, as a reference.
 
+mod bound;
 mod form_factor;
 pub mod hausner;
 mod kernel;
 mod tensor;
 
+pub use bound::{expected_error, least_order, remainder};
 pub use form_factor::polygon_form_factor;
 pub use kernel::{NEAR_SPACINGS, Surface, point_kernel};
 pub use tensor::{Expansions, Indices, Workspace, coefficients, count, position};

@@ -4,7 +4,7 @@ use glam::Vec3A;
 use rand::RngExt;
 
 use super::{Accuracy, Facing, MIXED_ORDER};
-use crate::expansion::{Indices, Surface, Workspace, coefficients};
+use crate::expansion::{Indices, Surface, Workspace, coefficients, expected_error, least_order};
 use crate::octree::{Facet, Octree};
 use crate::random::{Purpose, stream};
 
@@ -113,11 +113,16 @@ impl Judge<'_> {
         let bound = radiosity * form_factor;
         let opening = (a.radius + b.radius) / facing.distance.max(f32::MIN_POSITIVE);
         let apart = opening < MAX_OPENING;
-        let order = (apart && !facing.near)
-            .then(|| self.order(opening, allowed / bound))
-            .flatten();
-        if let (true, Some((order, error))) = (self.open && facing.full(), order) {
-            return Verdict::Expand(order, error * bound);
+        let [size_a, size_b] = [a, b].map(|f| f64::from(f.radius / facing.distance));
+        let truncation = |order| expected_error(order, size_b, size_a) as f32 * bound;
+        let order = match apart && !facing.near {
+            true => least_order(self.accuracy.order, allowed.into(), |p| {
+                truncation(p).into()
+            }),
+            false => None,
+        };
+        if let (true, Some(order)) = (self.open && facing.full(), order) {
+            return Verdict::Expand(order, truncation(order));
         }
         if self.open && apart && !facing.near {
             let radiance = radiosity / std::f32::consts::PI;
@@ -125,7 +130,7 @@ impl Judge<'_> {
             let cut = (to_all * cos_b * facing.cut(facing.target, opening)
                 + to_all * cos_a * facing.cut(facing.source, opening))
             .min(bound);
-            let error = cut + bound * truncation(opening, self.accuracy.order.min(MIXED_ORDER));
+            let error = cut + truncation(self.accuracy.order.min(MIXED_ORDER));
             if error <= allowed {
                 return Verdict::Mixed(error);
             }
@@ -167,13 +172,6 @@ impl Judge<'_> {
             (true, false) => Verdict::Near(self.all_pairs(pair)),
             (false, _) => Verdict::Split,
         }
-    }
-
-    /// The least order, of those at hand, whose error is at most this part of the irradiance.
-    fn order(&self, opening: f32, allowed: f32) -> Option<(usize, f32)> {
-        (0..=self.accuracy.order)
-            .map(|p| (p, truncation(opening, p)))
-            .find(|&(_, error)| error <= allowed)
     }
 
     /// What the tested samples say of a candidate.
@@ -360,7 +358,7 @@ impl<'a> Trial<'a> {
         let place = (s.positions[j] - b.centre) / b.scale();
         workspace.p2m(Vec3A::splat(s.areas[j]), s.normals[j], place, moments);
         let way = a.centre - b.centre;
-        workspace.m2l(order, moments, b.scale(), way, a.scale(), 1.0, local);
+        workspace.m2l(order, moments, way, [b.scale(), a.scale()], 1.0, local);
         let place = (s.positions[i] - a.centre) / a.scale();
         workspace.l2p(local, s.normals[i], place).x
     }
@@ -385,12 +383,6 @@ impl Verdict {
             | Verdict::Pairs(_) => &[],
         }
     }
-}
-
-/// Error of an expansion of order p, relative to the irradiance: twice the root mean square that was
-/// measured on flat patches, for openings of 0.15 to 0.55 and p up to 6.
-fn truncation(opening: f32, order: usize) -> f32 {
-    opening * (0.65 * opening).powi(order as i32)
 }
 
 /// Sum of the weights of the visible samples.

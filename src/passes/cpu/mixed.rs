@@ -48,14 +48,12 @@ pub fn mixed<T: Real>(
                             workspace.p2m(flux, normal, place, moments);
                         }
                     }
-                    let fraction = T::from_f32(fraction);
                     workspace.m2l(
                         order,
                         moments,
-                        from_scale,
                         to - from,
-                        to_scale,
-                        fraction,
+                        [from_scale, to_scale],
+                        T::from_f32(fraction),
                         local,
                     );
                     for (sum, i) in sums.iter_mut().zip(target.surfels()) {
