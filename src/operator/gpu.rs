@@ -48,8 +48,8 @@ impl TransportOperator for GpuFmm {
             stages.p2m(batch)?;
             stages.m2m(batch)?;
             stages.m2l(batch)?;
-            stages.p2l(batch)?;
             stages.m2p(batch, &irradiance)?;
+            stages.p2l(batch)?;
             stages.l2l(batch)?;
             stages.l2p(batch, &irradiance)?;
             stages.near_field(batch, &irradiance)
