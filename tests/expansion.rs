@@ -49,9 +49,8 @@ fn transport<T: Real>(
             workspace.m2l(
                 order,
                 &moments,
-                scale,
                 way_between,
-                scale,
+                [scale, scale],
                 T::ONE,
                 &mut local,
             );
@@ -65,9 +64,8 @@ fn transport<T: Real>(
             workspace.m2l(
                 order,
                 &moments,
-                scale,
                 way_between,
-                scale,
+                [scale, scale],
                 T::ONE,
                 &mut above,
             );
@@ -208,9 +206,8 @@ fn lower_orders_come_first() {
         w.m2l(
             link,
             &moments,
-            0.2,
             vector::<f32>(DVec3::Y),
-            0.3,
+            [0.2, 0.3],
             0.9,
             &mut local,
         );
@@ -265,7 +262,7 @@ fn local_coefficients_are_derivatives() {
     charge[1..4].copy_from_slice(&[source.flux[0], source.flux[1], source.flux[2]]);
     let mut at = |x: DVec3| {
         let mut local = vec![DVec3::ZERO; coefficients(order)];
-        w.m2l(order, &charge, 1.0, x, 1.0, 1.0, &mut local);
+        w.m2l(order, &charge, x, [1.0, 1.0], 1.0, &mut local);
         local
     };
     let x = DVec3::new(0.3, -0.5, 0.8);
@@ -304,9 +301,8 @@ fn the_field_has_no_sources() {
     w.m2l(
         order,
         &moments,
-        0.3,
         DVec3::new(0.5, 0.7, -0.3),
-        0.4,
+        [0.3, 0.4],
         1.0,
         &mut local,
     );
@@ -360,9 +356,8 @@ fn colours_do_not_mix_and_fractions_multiply() {
         w.m2l(
             3,
             &moments,
-            0.2,
             target.centre - c.centre,
-            0.2,
+            [0.2, 0.2],
             fraction,
             &mut local,
         );

@@ -6,10 +6,12 @@
 //! in n_x: irradiance = n_x · F(x), with the field F(x) = -R (R · q) / (π R⁴), R = x - y. Far from
 //! a facet F is expanded in Cartesian tensors about its centre, red, green and blue together.
 
+mod bound;
 mod form_factor;
 mod kernel;
 mod tensor;
 
+pub use bound::{expected_error, least_order, remainder};
 pub use form_factor::polygon_form_factor;
 pub use kernel::{NEAR_SPACINGS, Surface, point_kernel};
 pub use tensor::{Expansions, Indices, Workspace, coefficients, count, position};

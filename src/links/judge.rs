@@ -216,7 +216,14 @@ impl Judge<'_> {
                 let [mut moments, mut local] = [[Vec3A::ZERO; coefficients(ORDER)]; 2];
                 let place = (s.positions[j] - b.centre) / b.scale();
                 workspace.p2m(Vec3A::splat(s.areas[j]), s.normals[j], place, &mut moments);
-                workspace.m2l(ORDER, &moments, b.scale(), way, a.scale(), 1.0, &mut local);
+                workspace.m2l(
+                    ORDER,
+                    &moments,
+                    way,
+                    [b.scale(), a.scale()],
+                    1.0,
+                    &mut local,
+                );
                 let place = (s.positions[i] - a.centre) / a.scale();
                 workspace.l2p(&local, s.normals[i], place).x
             })

@@ -20,13 +20,8 @@ pub struct Indices {
 
 impl Indices {
     pub fn new(order: usize) -> Indices {
-        let mut exponents = Vec::with_capacity(count(order));
-        for degree in 0..=order {
-            for x in (0..=degree).rev() {
-                let rest = degree - x;
-                exponents.extend((0..=rest).map(|z| [x as u8, (rest - z) as u8, z as u8]));
-            }
-        }
+        let all = std::iter::successors(Some([0; 3]), |&g| Some(next(g)));
+        let exponents = all.take(count(order)).collect();
         let mut indices = Indices {
             order,
             exponents,
@@ -35,10 +30,8 @@ impl Indices {
         };
         for b in &indices.exponents {
             indices.begin.push(indices.sums.len() as u32);
-            let degree = b.iter().map(|&e| usize::from(e)).sum::<usize>();
-            let sum = |a: &[u8; 3]| position(std::array::from_fn(|i| a[i] + b[i])) as u16;
-            let partners = &indices.exponents[..count(order - degree)];
-            indices.sums.extend(partners.iter().map(sum));
+            let partners = &indices.exponents[..count(order - degree(*b))];
+            indices.sums.extend(partners.iter().map(|a| sum(*a, *b)));
         }
         indices
     }
@@ -71,9 +64,63 @@ impl Indices {
     }
 }
 
+/// The multi-index after this one.
+const fn next([x, y, z]: [u8; 3]) -> [u8; 3] {
+    match (x, y) {
+        (_, 1..) => [x, y - 1, z + 1],
+        (1.., 0) => [x - 1, z + 1, 0],
+        (0, 0) => [z + 1, 0, 0],
+    }
+}
+
+/// The first N of [`Indices::exponents`].
+pub(super) const fn exponents<const N: usize>() -> [[u8; 3]; N] {
+    let mut all = [[0; 3]; N];
+    let mut i = 1;
+    while i < N {
+        all[i] = next(all[i - 1]);
+        i += 1;
+    }
+    all
+}
+
+/// The first N of [`Indices::sums`] of a multi-index.
+pub(super) const fn sums<const N: usize>(b: [u8; 3]) -> [u16; N] {
+    let exponents = exponents::<N>();
+    let mut all = [0; N];
+    let mut i = 0;
+    while i < N {
+        all[i] = sum(exponents[i], b);
+        i += 1;
+    }
+    all
+}
+
+const fn sum(a: [u8; 3], b: [u8; 3]) -> u16 {
+    position([a[0] + b[0], a[1] + b[1], a[2] + b[2]]) as u16
+}
+
+/// |γ|
+pub(super) const fn degree(g: [u8; 3]) -> usize {
+    g[0] as usize + g[1] as usize + g[2] as usize
+}
+
 /// Where a multi-index is in the order of [`Indices`].
-pub fn position([x, y, z]: [u8; 3]) -> usize {
-    let [x, y, z] = [x, y, z].map(usize::from);
-    let (degree, rest) = (x + y + z, y + z);
-    degree * (degree + 1) * (degree + 2) / 6 + rest * (rest + 1) / 2 + z
+pub(super) const fn position(g: [u8; 3]) -> usize {
+    let (degree, rest) = (degree(g), g[1] as usize + g[2] as usize);
+    degree * (degree + 1) * (degree + 2) / 6 + rest * (rest + 1) / 2 + g[2] as usize
+}
+
+/// γ! = γ_x! γ_y! γ_z!
+pub(super) const fn factorial(g: [u8; 3]) -> f64 {
+    let (mut product, mut axis) = (1.0, 0);
+    while axis < 3 {
+        let mut e = g[axis];
+        while e > 1 {
+            product *= e as f64;
+            e -= 1;
+        }
+        axis += 1;
+    }
+    product
 }

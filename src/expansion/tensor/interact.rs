@@ -1,45 +1,41 @@
 //! Passes between two facets: M2L, P2L, M2P.
 
+use std::f64::consts::FRAC_1_PI;
+
 use super::indices::{Indices, count};
-use super::{Workspace, parts, parts_mut};
+use super::{Workspace, parts, parts_mut, written_out};
 use crate::math::{Real, Vector};
 
 impl<T: Real> Workspace<'_, T> {
     /// M2L: adds the field of the moments `source` times the visible `fraction`, of an order that
     /// may be lower than that of either expansion. `way` leads from the source's centre to this
-    /// one's.
+    /// one's; `scales` are the source's and this one's.
     pub fn m2l(
         &mut self,
         order: usize,
         source: &[T::Rgb],
-        source_scale: T,
         way: T::Vec3,
-        target_scale: T,
+        scales: [T; 2],
         fraction: T,
         local: &mut [T::Rgb],
     ) {
         let far = Far::new(way);
         self.derive(order, far.direction);
-        self.scale_moments(order, source, source_scale * far.inverse);
-        let vectors = parts_mut(local).1;
-        let step = target_scale * far.inverse;
-        let mut strength = far.strength(fraction);
-        for degree in 0..=order {
-            let moments = &self.scaled[..count(order - degree)];
-            for b in Indices::of_degree(degree) {
-                let mut field = [T::Rgb::default(); 3];
-                for (m, &sum) in moments.iter().zip(self.indices.sums(b)) {
-                    let product = apply(&self.tensor[usize::from(sum)], m);
-                    for i in 0..3 {
-                        field[i] += product[i];
-                    }
-                }
-                let factor = strength / self.factorials[b];
-                for i in 0..3 {
-                    vectors[b][i] += field[i] * factor;
-                }
+        let [source_ratio, target_ratio] = scales.map(|s| s * far.inverse);
+        self.scale_moments(order, source, source_ratio);
+        self.weigh(order, far.strength(fraction), target_ratio);
+        let (tensor, moments, weights) = (&self.tensor, &self.scaled, &self.weights);
+        let vectors = &mut parts_mut(local).1[..count(order)];
+        let add = |b: usize, field: [T::Rgb; 3]| {
+            for i in 0..3 {
+                vectors[b][i] += field[i] * weights[b];
             }
-            strength = strength * step;
+        };
+        match order {
+            0 => written_out::convolve_0::<T>(tensor, moments, add),
+            1 => written_out::convolve_1::<T>(tensor, moments, add),
+            2 => written_out::convolve_2::<T>(tensor, moments, add),
+            _ => convolve::<T>(self.indices, order, tensor, moments, add),
         }
     }
 
@@ -57,18 +53,13 @@ impl<T: Real> Workspace<'_, T> {
         let far = Far::new(way);
         self.derive(order, far.direction);
         let n = normal.to_array().map(T::Rgb::splat);
-        let step = target_scale * far.inverse;
-        let mut strength = far.strength(T::ONE);
-        let vectors = parts_mut(local).1;
-        for degree in 0..=order {
-            for b in Indices::of_degree(degree) {
-                let field = apply(&self.tensor[b], &n);
-                let flux = flux * (strength / self.factorials[b]);
-                for i in 0..3 {
-                    vectors[b][i] += flux * field[i];
-                }
+        self.weigh(order, far.strength(T::ONE), target_scale * far.inverse);
+        let fields = self.tensor.iter().zip(&self.weights);
+        for (l, (tensor, &weight)) in parts_mut(local).1.iter_mut().zip(fields) {
+            let field = apply(tensor, &n);
+            for i in 0..3 {
+                l[i] += flux * (field[i] * weight);
             }
-            strength = strength * step;
         }
     }
 
@@ -113,6 +104,50 @@ impl<T: Real> Workspace<'_, T> {
             factor = -factor * ratio;
         }
     }
+
+    /// strength step^|β| / β!
+    fn weigh(&mut self, order: usize, strength: T, step: T) {
+        let mut factor = strength;
+        for degree in 0..=order {
+            for b in Indices::of_degree(degree) {
+                self.weights[b] = factor * self.inverse_factorials[b];
+            }
+            factor = factor * step;
+        }
+    }
+}
+
+/// Σ_α T^(α+β) M^α for every β.
+fn convolve<T: Real>(
+    indices: &Indices,
+    order: usize,
+    tensor: &[[T::Rgb; 6]],
+    moments: &[[T::Rgb; 3]],
+    mut field: impl FnMut(usize, [T::Rgb; 3]),
+) {
+    for degree in 0..=order {
+        let moments = &moments[..count(order - degree)];
+        for b in Indices::of_degree(degree) {
+            field(b, contract::<T>(tensor, moments, indices.sums(b)));
+        }
+    }
+}
+
+/// Σ_α T^(α+β) M^α, with the places of all α + β.
+#[inline(always)]
+pub(super) fn contract<T: Real>(
+    tensor: &[[T::Rgb; 6]],
+    moments: &[[T::Rgb; 3]],
+    sums: &[u16],
+) -> [T::Rgb; 3] {
+    let mut field = [T::Rgb::default(); 3];
+    for (m, &sum) in moments.iter().zip(sums) {
+        let product = apply(&tensor[usize::from(sum)], m);
+        for i in 0..3 {
+            field[i] += product[i];
+        }
+    }
+    field
 }
 
 /// A way between two centres.
@@ -135,7 +170,7 @@ impl<T: Real> Far<T> {
     /// -fraction / (π distance²)
     #[inline(always)]
     fn strength(&self, fraction: T) -> T {
-        -fraction / T::PI * self.inverse * self.inverse
+        -fraction * T::from_f64(FRAC_1_PI) * self.inverse * self.inverse
     }
 }
 

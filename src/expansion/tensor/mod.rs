@@ -40,10 +40,12 @@
 //! of which 17 C(p+3,3) are the derivatives of T. An M2L reads 16 bytes a coefficient in f32: 208 at
 //! order 1, 496 at order 2.
 
+mod derivatives;
 mod indices;
 mod interact;
 mod translate;
 mod workspace;
+mod written_out;
 
 pub use indices::{Indices, count, position};
 pub use workspace::Workspace;

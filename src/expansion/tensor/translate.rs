@@ -60,7 +60,7 @@ impl<T: Real> Workspace<'_, T> {
                         sum[k] += l[k] * s;
                     }
                 }
-                let factor = factor / self.factorials[b];
+                let factor = factor * self.inverse_factorials[b];
                 for k in 0..3 {
                     child[b][k] += sum[k] * factor;
                 }

@@ -1,4 +1,6 @@
-use super::indices::{Indices, count, position};
+use super::derivatives::{Term, lower};
+use super::indices::{Indices, count, factorial};
+use super::written_out;
 use crate::math::{Real, Vector};
 
 /// What the passes of one thread need on the way: tables in its reals and room for what comes
@@ -6,19 +8,20 @@ use crate::math::{Real, Vector};
 #[derive(Clone, Debug)]
 pub struct Workspace<'a, T: Real> {
     pub(super) indices: &'a Indices,
-    /// γ!
+    /// γ! and 1/γ!
     pub(super) factorials: Vec<T>,
+    pub(super) inverse_factorials: Vec<T>,
     /// How the monomial of γ comes from one of lower degree: which, times which component, over γ of
     /// that component.
     steps: Vec<(usize, usize, T)>,
-    /// Slots of γ - e_i and of γ - 2 e_i.
-    lower: Vec<([u16; 3], [u16; 3])>,
+    terms: Vec<Term>,
     /// s^γ / γ!
     pub(super) monomials: Vec<T>,
+    /// A number for each multi-index.
+    pub(super) weights: Vec<T>,
     /// Vectors of an expansion, scaled anew.
     pub(super) scaled: Vec<[T::Rgb; 3]>,
-    /// Of the Taylor series about a place u, its coefficients for 1/r⁴ and r/r⁴, all lanes alike.
-    /// Slot 0 holds zeros, for indices with a negative entry; γ is in slot `index + 1`.
+    /// Room for [`Term::derive`].
     inverse: Vec<T::Rgb>,
     vector: Vec<[T::Rgb; 3]>,
     /// Derivatives ∂^γ of r rᵀ/r⁴: xx, xy, xz, yy, yz, zz, all lanes alike.
@@ -28,38 +31,24 @@ pub struct Workspace<'a, T: Real> {
 impl<'a, T: Real> Workspace<'a, T> {
     pub fn new(indices: &'a Indices) -> Self {
         let all = indices.exponents();
-        let slot = |g: &[u8; 3], i: usize, by: u8| match g[i].checked_sub(by) {
-            Some(e) => {
-                let mut lower = *g;
-                lower[i] = e;
-                position(lower) as u16 + 1
-            }
-            None => 0,
-        };
-        let factorial = |g: &[u8; 3]| -> f64 {
-            let of = |&e: &u8| (1..=e).map(f64::from).product::<f64>();
-            g.iter().map(of).product()
-        };
         let step = |g: &[u8; 3]| {
             let axis = (0..3).find(|&i| g[i] > 0).unwrap_or(0);
-            let from = usize::from(slot(g, axis, 1)).saturating_sub(1);
-            (from, axis, T::from_f64(1.0 / f64::from(g[axis].max(1))))
+            let inverse = T::from_f64(1.0 / f64::from(g[axis].max(1)));
+            (lower(*g, axis, 1).unwrap_or(0), axis, inverse)
         };
-        let lower = |g: &[u8; 3]| {
-            [1, 2]
-                .map(|by| std::array::from_fn(|i| slot(g, i, by)))
-                .into()
-        };
+        let reals = |f: fn(f64) -> f64| all.iter().map(|&g| T::from_f64(f(factorial(g)))).collect();
         let zero = T::Rgb::default();
         Workspace {
             indices,
-            factorials: all.iter().map(|g| T::from_f64(factorial(g))).collect(),
+            factorials: reals(|f| f),
+            inverse_factorials: reals(|f| 1.0 / f),
             steps: all.iter().map(step).collect(),
-            lower: all.iter().map(lower).collect(),
+            terms: all.iter().map(|&g| Term::new(g)).collect(),
             monomials: vec![T::ONE; all.len()],
+            weights: vec![T::ONE; all.len()],
             scaled: vec![[zero; 3]; all.len()],
-            inverse: vec![zero; all.len() + 1],
-            vector: vec![[zero; 3]; all.len() + 1],
+            inverse: vec![zero; all.len()],
+            vector: vec![[zero; 3]; all.len()],
             tensor: vec![[zero; 6]; all.len()],
         }
     }
@@ -74,44 +63,18 @@ impl<'a, T: Real> Workspace<'a, T> {
     }
 
     /// Derivatives of r rᵀ/r⁴ at the unit vector `u` up to an order.
-    ///
-    /// With r = u + h, the Taylor series in h of Q = 1/r⁴ follows from Euler's operator: r² = 1 +
-    /// 2 u·h + h² and (h·∇) Q = -4 (u·h + h²) Q / r² give for its coefficients
-    ///
-    /// n c_γ = -2 (n+1) Σ_i u_i c_(γ-e_i) - (n+2) Σ_i c_(γ-2e_i), n = |γ|,
-    ///
-    /// the recurrence of Gegenbauer polynomials, which is stable on the unit sphere. Then r Q and
-    /// r rᵀ Q come by multiplication with u + h, which shifts indices.
+    #[inline(always)]
     pub(super) fn derive(&mut self, order: usize, u: T::Vec3) {
         let u = u.to_array().map(T::Rgb::splat);
-        let dot = |a: [T::Rgb; 3], b: [T::Rgb; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        for degree in 0..=order {
-            let n = degree.max(1) as f64;
-            let first = T::from_f64(-2.0 * (n + 1.0) / n);
-            let second = T::from_f64(-(n + 2.0) / n);
-            for g in Indices::of_degree(degree) {
-                let (lower, lowest) = self.lower[g];
-                let lower = lower.map(usize::from);
-                let q = lower.map(|l| self.inverse[l]);
-                let c = if degree == 0 {
-                    T::Rgb::splat(T::ONE)
-                } else {
-                    let [a, b, c] = lowest.map(|l| self.inverse[usize::from(l)]);
-                    dot(u, q) * first + (a + b + c) * second
-                };
-                let v: [T::Rgb; 3] = std::array::from_fn(|k| u[k] * c + q[k]);
-                self.inverse[g + 1] = c;
-                self.vector[g + 1] = v;
-                let [x, y, z] = lower.map(|l| self.vector[l]);
-                let factorial = T::Rgb::splat(self.factorials[g]);
-                self.tensor[g] = [
-                    (u[0] * v[0] + x[0]) * factorial,
-                    (u[0] * v[1] + x[1]) * factorial,
-                    (u[0] * v[2] + x[2]) * factorial,
-                    (u[1] * v[1] + y[1]) * factorial,
-                    (u[1] * v[2] + y[2]) * factorial,
-                    (u[2] * v[2] + z[2]) * factorial,
-                ];
+        match order {
+            0 => written_out::derive_0::<T>(u, &mut self.tensor),
+            1 => written_out::derive_1::<T>(u, &mut self.tensor),
+            2 => written_out::derive_2::<T>(u, &mut self.tensor),
+            3 => written_out::derive_3::<T>(u, &mut self.tensor),
+            _ => {
+                for (i, term) in self.terms[..count(order)].iter().enumerate() {
+                    term.derive::<T>(i, u, &mut self.inverse, &mut self.vector, &mut self.tensor);
+                }
             }
         }
     }

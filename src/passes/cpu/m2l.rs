@@ -25,9 +25,8 @@ pub fn m2l<T: Real>(octree: &Octree, links: &Links, moments: &Expansions<T>) -> 
                         workspace.m2l(
                             order,
                             moments.of(s),
-                            scale(source),
                             centre::<T>(target) - centre::<T>(source),
-                            scale(target),
+                            [scale(source), scale(target)],
                             T::from_f32(fraction),
                             local,
                         );
