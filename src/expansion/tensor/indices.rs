@@ -106,7 +106,7 @@ pub(super) const fn degree(g: [u8; 3]) -> usize {
 }
 
 /// Where a multi-index is in the order of [`Indices`].
-pub(super) const fn position(g: [u8; 3]) -> usize {
+pub const fn position(g: [u8; 3]) -> usize {
     let (degree, rest) = (degree(g), g[1] as usize + g[2] as usize);
     degree * (degree + 1) * (degree + 2) / 6 + rest * (rest + 1) / 2 + g[2] as usize
 }
