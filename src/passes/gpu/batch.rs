@@ -31,12 +31,14 @@ struct State {
 }
 
 /// Stages that are being recorded.
-pub struct Batch<'a> {
+pub struct Batch<'a, 'e> {
     batches: &'a Batches,
     state: MutexGuard<'a, State>,
-    encoder: CommandEncoder,
+    encoder: &'e mut CommandEncoder,
     /// Work recorded and not yet submitted.
     work: usize,
+    /// Whether the batch may be submitted in parts.
+    in_parts: bool,
 }
 
 /// Items of a stage, cut into dispatches that take no long time and need no more of a buffer than
@@ -171,11 +173,21 @@ impl Batches {
         record: impl FnOnce(&mut Batch) -> Result<()>,
     ) -> Result<()> {
         self.watch(what, || {
-            let mut batch = self.begin();
-            record(&mut batch)?;
-            batch.submit();
+            let mut encoder = self.encoder();
+            record(&mut self.begin(&mut encoder, true))?;
+            self.gpu.queue.submit([encoder.finish()]);
             Ok(())
         })
+    }
+
+    /// Records into an encoder of the caller, who submits it in whole before anything else is run.
+    pub fn record(
+        &self,
+        what: &'static str,
+        encoder: &mut CommandEncoder,
+        record: impl FnOnce(&mut Batch) -> Result<()>,
+    ) -> Result<()> {
+        self.watch(what, || record(&mut self.begin(encoder, false)))
     }
 
     /// Runs what `record` records, waits for it, and returns the first `count` elements of
@@ -192,14 +204,14 @@ impl Batches {
             .gpu
             .staging("result and reports", bytes + size_of::<u32>())?;
         self.watch(what, || {
-            let mut batch = self.begin();
+            let mut encoder = self.encoder();
+            let mut batch = self.begin(&mut encoder, true);
             record(&mut batch)?;
-            let encoder = &mut batch.encoder;
+            let state = batch.state;
             if bytes > 0 {
                 encoder.copy_buffer_to_buffer(result, 0, &staging, 0, bytes as u64);
             }
             encoder.copy_buffer_to_buffer(&self.reports, 0, &staging, bytes as u64, 4);
-            let Batch { state, encoder, .. } = batch;
             let words = (bytes + size_of::<u32>()) / size_of::<u32>();
             let read = |words: &[u32]| {
                 let (reports, result) = words.split_last().unwrap_or((&0, &[]));
@@ -244,20 +256,25 @@ impl Batches {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn begin(&self) -> Batch<'_> {
+    fn encoder(&self) -> CommandEncoder {
+        self.gpu.device.create_command_encoder(&Default::default())
+    }
+
+    fn begin<'a, 'e>(&'a self, encoder: &'e mut CommandEncoder, in_parts: bool) -> Batch<'a, 'e> {
         Batch {
             batches: self,
             state: self.lock(),
-            encoder: self.gpu.device.create_command_encoder(&Default::default()),
+            encoder,
             work: 0,
+            in_parts,
         }
     }
 }
 
-impl Batch<'_> {
+impl Batch<'_, '_> {
     /// Where copies are recorded.
     pub fn encoder(&mut self) -> &mut CommandEncoder {
-        &mut self.encoder
+        self.encoder
     }
 
     /// Runs a stage over all its pieces, with `resources` bound at 0, 1, ..., and after them the
@@ -270,7 +287,8 @@ impl Batch<'_> {
         pieces: &Pieces,
     ) -> Result<()> {
         for (k, piece) in pieces.pieces.iter().enumerate() {
-            if self.work > 0 && self.work + piece.work > self.state.pace.size() {
+            let full = self.work > 0 && self.work + piece.work > self.state.pace.size();
+            if full && self.in_parts {
                 self.submit_and_learn()?;
             }
             let parts = vectors.iter().map(|&vectors| piece.part(vectors));
@@ -285,7 +303,7 @@ impl Batch<'_> {
                 .collect();
             let groups = pipeline.dispatch_entries(
                 &self.batches.gpu,
-                &mut self.encoder,
+                self.encoder,
                 &entries,
                 piece.items.len() as u32,
             );
@@ -298,18 +316,13 @@ impl Batch<'_> {
     /// Submits what is recorded and waits for it, so as to know how much to submit next time.
     fn submit_and_learn(&mut self) -> Result<()> {
         let gpu = &self.batches.gpu;
-        let next = gpu.device.create_command_encoder(&Default::default());
-        let encoder = std::mem::replace(&mut self.encoder, next);
+        let encoder = std::mem::replace(self.encoder, self.batches.encoder());
         let start = Instant::now();
         gpu.queue.submit([encoder.finish()]);
         gpu.wait("stages")?;
         self.state.pace.took(self.work, start.elapsed());
         self.work = 0;
         Ok(())
-    }
-
-    fn submit(self) {
-        self.batches.gpu.queue.submit([self.encoder.finish()]);
     }
 }
 
