@@ -12,6 +12,7 @@ use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::visibility::{CpuVisibility, Occluders, Segment, Visibility};
 use fmmgi_gpu::{Result, Scene, Surfels};
 use glam::{DVec3, Vec3};
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
 /// Pairs of surfels that are tested in one batch.
 const PAIRS: usize = 100_000;
@@ -109,6 +110,13 @@ fn stages(criterion: &mut Criterion) {
     for order in [1, 2, 4] {
         passes(criterion, &case, gpu.as_ref(), order);
     }
+
+    let mut group = criterion.benchmark_group("m2l, one thread");
+    let pool = ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    for order in 1..=6 {
+        m2l(&mut group, order, &case, &pool);
+    }
+    group.finish();
 
     let mut group = criterion.benchmark_group("apply");
     group.sample_size(20);
@@ -246,6 +254,25 @@ fn passes(criterion: &mut Criterion, case: &Case, gpu: Option<&Gpu>, order: usiz
         &mut || cpu::near_field::<f32>(&links.near, radiosity, &mut irradiance),
         &|stages, batch, field| stages.near_field(batch, field),
     );
+
+/// The links of the first order, as if they were of this one.
+fn m2l(
+    group: &mut BenchmarkGroup<criterion::measurement::WallTime>,
+    order: usize,
+    case: &Case,
+    pool: &ThreadPool,
+) {
+    let (octree, surface) = (&case.octree, Surface::<f32>::new(&case.surfels));
+    let facets = octree.facets.len();
+    let mut links = Links::none(facets, surface.len());
+    links.m2l = vec![Rows::none(facets); order];
+    links.m2l.push(case.links.m2l[1].clone());
+    let mut moments = cpu::p2m(order, octree, &surface, &vec![Vec3::ONE; surface.len()]);
+    cpu::m2m(octree, &mut moments);
+    group.throughput(Throughput::Elements(links.m2l[order].len() as u64));
+    group.bench_function(format!("order {order}"), |b| {
+        pool.install(|| b.iter(|| cpu::m2l(octree, &links, &moments)))
+    });
 }
 
 /// Pairs of surfels beside each other in the octree.

@@ -129,8 +129,8 @@ fn the_bound_holds_and_is_sharp() {
 }
 
 /// Root mean square over pairs that face each other, as a part of the light, against what is
-/// expected: for surfaces of many surfels and of few, for sizes that differ. Measured: 0.7 to 1.8 times
-/// and 0.8 to 3.8 times.
+/// expected: for surfaces of many surfels and of few, for sizes that differ. Measured: 0.7 to 1.8
+/// times and 0.8 to 3.8 times.
 #[test]
 fn errors_are_those_expected() {
     let mut rng = random(2);

@@ -5,9 +5,9 @@ pub const fn count(order: usize) -> usize {
     (order + 1) * (order + 2) * (order + 3) / 6
 }
 
-/// The multi-indices γ = (γ_x, γ_y, γ_z) of degree |γ| up to an order, by degree and within a degree
-/// lexicographically with x highest first: 1, x, y, z, xx, xy, xz, yy, yz, zz, ... So those of a
-/// lower order come first.
+/// The multi-indices γ = (γ_x, γ_y, γ_z) of degree |γ| up to an order, by degree and within a
+/// degree lexicographically with x highest first: 1, x, y, z, xx, xy, xz, yy, yz, zz, ... So those
+/// of a lower order come first.
 #[derive(Clone, Debug)]
 pub struct Indices {
     order: usize,

@@ -39,8 +39,8 @@ impl<T: Real> Workspace<'_, T> {
         }
     }
 
-    /// P2L: adds the field of a surfel with `flux` = A B (times its visible part) and unit `normal`.
-    /// `way` leads from the surfel to the local expansion's centre.
+    /// P2L: adds the field of a surfel with `flux` = A B (times its visible part) and unit
+    /// `normal`. `way` leads from the surfel to the local expansion's centre.
     pub fn p2l(
         &mut self,
         flux: T::Rgb,

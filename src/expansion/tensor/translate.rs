@@ -1,6 +1,6 @@
 //! Passes that only move polynomials: P2M, M2M, L2L, L2P. All but P2M are exact.
 
-use super::indices::{Indices, count};
+use super::indices::Indices;
 use super::{Workspace, parts, parts_mut};
 use crate::math::{Real, Vector};
 
@@ -71,16 +71,17 @@ impl<T: Real> Workspace<'_, T> {
 
     /// L2P: irradiance of a surfel with unit `normal` at `place` = t / scale.
     pub fn l2p(&mut self, local: &[T::Rgb], normal: T::Vec3, place: T::Vec3) -> T::Rgb {
-        let order = self.indices.order();
-        self.expand(order, place);
-        let n = normal.to_array();
+        self.expand(self.indices.order(), place);
         let (&constant, vectors) = parts(local);
         let weights = self.monomials.iter().zip(&self.factorials);
-        vectors[..count(order)]
-            .iter()
-            .zip(weights)
-            .fold(constant, |sum, (l, (&s, &f))| {
-                sum + (l[0] * n[0] + l[1] * n[1] + l[2] * n[2]) * (s * f)
-            })
+        let mut field = [T::Rgb::default(); 3];
+        for (l, (&s, &f)) in vectors.iter().zip(weights) {
+            let power = s * f;
+            for k in 0..3 {
+                field[k] += l[k] * power;
+            }
+        }
+        let n = normal.to_array();
+        constant + field[0] * n[0] + field[1] * n[1] + field[2] * n[2]
     }
 }

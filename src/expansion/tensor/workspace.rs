@@ -11,8 +11,8 @@ pub struct Workspace<'a, T: Real> {
     /// γ! and 1/γ!
     pub(super) factorials: Vec<T>,
     pub(super) inverse_factorials: Vec<T>,
-    /// How the monomial of γ comes from one of lower degree: which, times which component, over γ of
-    /// that component.
+    /// How the monomial of γ comes from one of lower degree: which, times which component, over γ
+    /// of that component.
     steps: Vec<(usize, usize, T)>,
     terms: Vec<Term>,
     /// s^γ / γ!

@@ -7,7 +7,8 @@ use crate::math::{Real, Vector};
 use crate::octree::Octree;
 
 /// M2P: adds to the irradiance of each surfel the field of the moments of the facets that its leaf,
-/// or a facet that holds it, is linked to. A facet counts if its centre lies in front of the surfel.
+/// or a facet that holds it, is linked to. A facet counts if its centre lies in front of the
+/// surfel.
 pub fn m2p<T: Real>(
     octree: &Octree,
     links: &Rows,

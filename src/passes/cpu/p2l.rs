@@ -6,8 +6,8 @@ use crate::links::Rows;
 use crate::math::{Real, Vector};
 use crate::octree::Octree;
 
-/// P2L: adds to each facet's local expansion the field of the surfels of the facets that it is linked
-/// to. A surfel counts if the facet's centre lies in front of it.
+/// P2L: adds to each facet's local expansion the field of the surfels of the facets that it is
+/// linked to. A surfel counts if the facet's centre lies in front of it.
 pub fn p2l<T: Real>(
     octree: &Octree,
     links: &Rows,

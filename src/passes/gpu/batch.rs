@@ -72,19 +72,21 @@ impl Pieces {
     /// Items that do not need each other, each of which is its own target, with one vector of light.
     /// `work` tells how many texels and vectors an item reads and writes.
     pub fn new(gpu: &Gpu, items: u32, work: impl Fn(u32) -> usize) -> Result<Pieces> {
-        Pieces::of(gpu, 0..items, 1, |i| (work(i), i..i + 1))
+        Pieces::of(gpu, &[0..items], 1, |i| (work(i), i..i + 1))
     }
 
-    /// Items that do not need each other, with up to `vectors` a target. For an item `each` tells how
-    /// many texels and vectors it reads and writes, and on which targets it works.
+    /// Items in parts, each of which needs those before it, with up to `vectors` of light a target.
+    /// For an item `each` tells how many texels and vectors it reads and writes, and on which
+    /// targets it works.
     pub fn of(
         gpu: &Gpu,
-        items: Range<u32>,
+        parts: &[Range<u32>],
         vectors: usize,
         each: impl Fn(u32) -> (usize, Range<u32>),
     ) -> Result<Pieces> {
         let most = gpu.most_bound(vectors * VECTOR);
-        let pieces = cut(items, most, each);
+        let cut = |part: &Range<u32>| cut(part.clone(), most, &each);
+        let pieces: Vec<Piece> = parts.iter().flat_map(cut).collect();
         if let Some(piece) = pieces.iter().find(|p| p.targets.len() > most) {
             return Err(Error::TooLarge(format!(
                 "a stage needs {:.1} MiB at once, but this device binds {:.1} MiB",

@@ -177,12 +177,12 @@ impl Stages {
             p2l,
             m2p,
             near_field: Linked::new(gpu, &NEAR_FIELD, &near)?,
-            by_facet: Pieces::of(gpu, 0..n as u32, coefficients, expansion)?,
+            by_facet: Pieces::of(gpu, &[0..n as u32], coefficients, expansion)?,
             by_level: levels
                 .iter()
-                .map(|level| Pieces::of(gpu, level.clone(), coefficients, expansion))
+                .map(|level| Pieces::of(gpu, std::slice::from_ref(level), coefficients, expansion))
                 .collect::<Result<_>>()?,
-            by_surfel: Pieces::of(gpu, 0..n as u32, 1, irradiance)?,
+            by_surfel: Pieces::of(gpu, &[0..n as u32], 1, irradiance)?,
             levels,
             coefficients,
         })
