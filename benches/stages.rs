@@ -254,6 +254,7 @@ fn passes(criterion: &mut Criterion, case: &Case, gpu: Option<&Gpu>, order: usiz
         &mut || cpu::near_field::<f32>(&links.near, radiosity, &mut irradiance),
         &|stages, batch, field| stages.near_field(batch, field),
     );
+}
 
 /// The links of the first order, as if they were of this one.
 fn m2l(
