@@ -1,6 +1,6 @@
 // L2L: adds to the local expansions of one level those of their parents. The twin of
 // src/passes/cpu/l2l.rs.
-// Tables: facets, expansions (local ones of the parents). Adds to locals.
+// Tables: facets, expansions (local ones). Writes locals.
 
 fn l2l(f: u32) {
     let facet = sphere(f);
@@ -9,21 +9,21 @@ fn l2l(f: u32) {
     let inverse_scale = 1.0 / above.w;
     let ratio = degrees(facet.w * inverse_scale);
     let place = powers((facet.xyz - above.xyz) * inverse_scale);
-    store_locals(f, 0u, load_locals(f, 0u) + expansion(parent, 0u));
-    var sum: array<Light, COEFFICIENTS>;
-    #for a of degree 0..=ORDER
+    store_locals(f, 0u, expansion(f, 0u) + expansion(parent, 0u));
+    var local: array<Light, COEFFICIENTS>;
+    #for b of degree 0..=ORDER
     #for k in axes
-    sum[$(a,k)] = expansion(parent, $(a,k)u);
+    local[$(b,k)] = expansion(parent, $(b,k)u);
     #end
     #end
     #for b of degree 0..=ORDER
     #for k in axes
     {
-        var inherited = sum[$(b,k)];
+        var inherited = local[$(b,k)];
         #for a of degree 1..=ORDER-|b|
-        inherited += sum[$(a+b,k)] * (place[$a] * $(a+b over b).0);
+        inherited += local[$(a+b,k)] * (place[$a] * $(a+b over b).0);
         #end
-        store_locals(f, $(b,k)u, load_locals(f, $(b,k)u) + inherited * ratio[$|b|]);
+        store_locals(f, $(b,k)u, expansion(f, $(b,k)u) + inherited * ratio[$|b|]);
     }
     #end
     #end

@@ -39,5 +39,18 @@ fn m2l(i: u32) {
         let entry = link(e);
         sum[0] += expansion(entry.source, 0u) * entry.weight;
     }
-    add_to_local(row.x, BEGINS, &sum);
+    if BEGINS {
+        store_locals(row.x, 0u, sum[0]);
+    }
+    #for b of degree 0..=ORDER
+    #for i in axes
+    {
+        var coefficient = sum[$(b,i)] * (1.0 / $b!.0);
+        if !BEGINS {
+            coefficient += load_locals(row.x, $(b,i)u);
+        }
+        store_locals(row.x, $(b,i)u, coefficient);
+    }
+    #end
+    #end
 }

@@ -1,12 +1,12 @@
 //! The operator by links on a device.
 
-use wgpu::Buffer;
+use wgpu::{Buffer, CommandEncoder};
 
 use super::{GpuFields, TransportOperator};
 use crate::error::Result;
 use crate::links::Links;
 use crate::octree::Octree;
-use crate::passes::gpu::{Gpu, Stages};
+use crate::passes::gpu::{Batch, Gpu, Stages};
 use crate::points::Surfels;
 
 /// The operator in WGSL, in f32: surfels, links and expansions stay on the device, and so do the
@@ -30,6 +30,43 @@ impl GpuFmm {
     }
 }
 
+impl GpuFmm {
+    /// Records the operator into a caller's encoder, as a part of a frame: `irradiance` becomes F
+    /// times `radiosity`. Nothing is waited for. All of it is in one submission, which a large scene
+    /// can make too long for a desktop's patience.
+    ///
+    /// The encoder has to be submitted before the operator or its fields are used again; an error of
+    /// the device shows when they next wait.
+    pub fn record(
+        &self,
+        encoder: &mut CommandEncoder,
+        radiosity: &Buffer,
+        irradiance: &Buffer,
+    ) -> Result<()> {
+        self.fields.check(radiosity)?;
+        self.fields.check(irradiance)?;
+        let batches = &self.fields.batches;
+        batches.record("transport", encoder, |batch| {
+            batch.encoder().clear_buffer(irradiance, 0, None);
+            self.stages(batch, radiosity, irradiance)
+        })
+    }
+
+    /// All stages; `irradiance` is zero before.
+    fn stages(&self, batch: &mut Batch, radiosity: &Buffer, irradiance: &Buffer) -> Result<()> {
+        let stages = &self.stages;
+        stages.take(batch, radiosity);
+        stages.p2m(batch)?;
+        stages.m2m(batch)?;
+        stages.m2l(batch)?;
+        stages.m2p(batch, irradiance)?;
+        stages.p2l(batch)?;
+        stages.l2l(batch)?;
+        stages.l2p(batch, irradiance)?;
+        stages.near_field(batch, irradiance)
+    }
+}
+
 impl TransportOperator for GpuFmm {
     type Fields = GpuFields;
 
@@ -42,17 +79,9 @@ impl TransportOperator for GpuFmm {
     fn apply(&self, radiosity: &Buffer) -> Result<Buffer> {
         self.fields.check(radiosity)?;
         let irradiance = self.fields.empty()?;
-        let stages = &self.stages;
-        self.fields.batches.run_and_wait("transport", |batch| {
-            stages.take(batch, radiosity);
-            stages.p2m(batch)?;
-            stages.m2m(batch)?;
-            stages.m2l(batch)?;
-            stages.p2l(batch)?;
-            stages.m2p(batch, &irradiance)?;
-            stages.l2l(batch)?;
-            stages.l2p(batch, &irradiance)?;
-            stages.near_field(batch, &irradiance)
+        let batches = &self.fields.batches;
+        batches.run_and_wait("transport", |batch| {
+            self.stages(batch, radiosity, &irradiance)
         })?;
         Ok(irradiance)
     }

@@ -57,7 +57,7 @@ impl GpuFields {
             multiply: Pipeline::new(gpu, &wgsl::MULTIPLY)?,
             inner_product: Pipeline::new(gpu, &wgsl::INNER_PRODUCT)?,
             items: Pieces::new(gpu, len as u32, |_| 3)?,
-            parts: Pieces::of(gpu, 0..parts as u32, 1, block)?,
+            parts: Pieces::of(gpu, &[0..parts as u32], 1, block)?,
             part_count: parts,
             sums: gpu.storage("sums", parts * size_of::<f32>())?,
         })

@@ -31,12 +31,14 @@ struct State {
 }
 
 /// Stages that are being recorded.
-pub struct Batch<'a> {
+pub struct Batch<'a, 'e> {
     batches: &'a Batches,
     state: MutexGuard<'a, State>,
-    encoder: CommandEncoder,
+    encoder: &'e mut CommandEncoder,
     /// Work recorded and not yet submitted.
     work: usize,
+    /// Whether the batch may be submitted in parts.
+    in_parts: bool,
 }
 
 /// Items of a stage, cut into dispatches that take no long time and need no more of a buffer than
@@ -70,19 +72,21 @@ impl Pieces {
     /// Items that do not need each other, each of which is its own target, with one vector of light.
     /// `work` tells how many texels and vectors an item reads and writes.
     pub fn new(gpu: &Gpu, items: u32, work: impl Fn(u32) -> usize) -> Result<Pieces> {
-        Pieces::of(gpu, 0..items, 1, |i| (work(i), i..i + 1))
+        Pieces::of(gpu, &[0..items], 1, |i| (work(i), i..i + 1))
     }
 
-    /// Items that do not need each other, with up to `vectors` a target. For an item `each` tells how
-    /// many texels and vectors it reads and writes, and on which targets it works.
+    /// Items in parts, each of which needs those before it, with up to `vectors` of light a target.
+    /// For an item `each` tells how many texels and vectors it reads and writes, and on which
+    /// targets it works.
     pub fn of(
         gpu: &Gpu,
-        items: Range<u32>,
+        parts: &[Range<u32>],
         vectors: usize,
         each: impl Fn(u32) -> (usize, Range<u32>),
     ) -> Result<Pieces> {
         let most = gpu.most_bound(vectors * VECTOR);
-        let pieces = cut(items, most, each);
+        let cut = |part: &Range<u32>| cut(part.clone(), most, &each);
+        let pieces: Vec<Piece> = parts.iter().flat_map(cut).collect();
         if let Some(piece) = pieces.iter().find(|p| p.targets.len() > most) {
             return Err(Error::TooLarge(format!(
                 "a stage needs {:.1} MiB at once, but this device binds {:.1} MiB",
@@ -171,11 +175,21 @@ impl Batches {
         record: impl FnOnce(&mut Batch) -> Result<()>,
     ) -> Result<()> {
         self.watch(what, || {
-            let mut batch = self.begin();
-            record(&mut batch)?;
-            batch.submit();
+            let mut encoder = self.encoder();
+            record(&mut self.begin(&mut encoder, true))?;
+            self.gpu.queue.submit([encoder.finish()]);
             Ok(())
         })
+    }
+
+    /// Records into an encoder of the caller, who submits it in whole before anything else is run.
+    pub fn record(
+        &self,
+        what: &'static str,
+        encoder: &mut CommandEncoder,
+        record: impl FnOnce(&mut Batch) -> Result<()>,
+    ) -> Result<()> {
+        self.watch(what, || record(&mut self.begin(encoder, false)))
     }
 
     /// Runs what `record` records, waits for it, and returns the first `count` elements of
@@ -192,14 +206,14 @@ impl Batches {
             .gpu
             .staging("result and reports", bytes + size_of::<u32>())?;
         self.watch(what, || {
-            let mut batch = self.begin();
+            let mut encoder = self.encoder();
+            let mut batch = self.begin(&mut encoder, true);
             record(&mut batch)?;
-            let encoder = &mut batch.encoder;
+            let state = batch.state;
             if bytes > 0 {
                 encoder.copy_buffer_to_buffer(result, 0, &staging, 0, bytes as u64);
             }
             encoder.copy_buffer_to_buffer(&self.reports, 0, &staging, bytes as u64, 4);
-            let Batch { state, encoder, .. } = batch;
             let words = (bytes + size_of::<u32>()) / size_of::<u32>();
             let read = |words: &[u32]| {
                 let (reports, result) = words.split_last().unwrap_or((&0, &[]));
@@ -244,20 +258,25 @@ impl Batches {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn begin(&self) -> Batch<'_> {
+    fn encoder(&self) -> CommandEncoder {
+        self.gpu.device.create_command_encoder(&Default::default())
+    }
+
+    fn begin<'a, 'e>(&'a self, encoder: &'e mut CommandEncoder, in_parts: bool) -> Batch<'a, 'e> {
         Batch {
             batches: self,
             state: self.lock(),
-            encoder: self.gpu.device.create_command_encoder(&Default::default()),
+            encoder,
             work: 0,
+            in_parts,
         }
     }
 }
 
-impl Batch<'_> {
+impl Batch<'_, '_> {
     /// Where copies are recorded.
     pub fn encoder(&mut self) -> &mut CommandEncoder {
-        &mut self.encoder
+        self.encoder
     }
 
     /// Runs a stage over all its pieces, with `resources` bound at 0, 1, ..., and after them the
@@ -270,7 +289,8 @@ impl Batch<'_> {
         pieces: &Pieces,
     ) -> Result<()> {
         for (k, piece) in pieces.pieces.iter().enumerate() {
-            if self.work > 0 && self.work + piece.work > self.state.pace.size() {
+            let full = self.work > 0 && self.work + piece.work > self.state.pace.size();
+            if full && self.in_parts {
                 self.submit_and_learn()?;
             }
             let parts = vectors.iter().map(|&vectors| piece.part(vectors));
@@ -285,7 +305,7 @@ impl Batch<'_> {
                 .collect();
             let groups = pipeline.dispatch_entries(
                 &self.batches.gpu,
-                &mut self.encoder,
+                self.encoder,
                 &entries,
                 piece.items.len() as u32,
             );
@@ -298,18 +318,13 @@ impl Batch<'_> {
     /// Submits what is recorded and waits for it, so as to know how much to submit next time.
     fn submit_and_learn(&mut self) -> Result<()> {
         let gpu = &self.batches.gpu;
-        let next = gpu.device.create_command_encoder(&Default::default());
-        let encoder = std::mem::replace(&mut self.encoder, next);
+        let encoder = std::mem::replace(self.encoder, self.batches.encoder());
         let start = Instant::now();
         gpu.queue.submit([encoder.finish()]);
         gpu.wait("stages")?;
         self.state.pace.took(self.work, start.elapsed());
         self.work = 0;
         Ok(())
-    }
-
-    fn submit(self) {
-        self.batches.gpu.queue.submit([self.encoder.finish()]);
     }
 }
 
@@ -335,8 +350,8 @@ mod tests {
             let others = items.start..items.end - 1;
             assert!(others.map(work).sum::<usize>() < PIECE);
         }
-        // Small items by the hundred, large ones alone.
-        assert_eq!(pieces.len(), 5 + 500);
+        // Small items by the hundred, the last of which take a large one along; large ones alone.
+        assert_eq!(pieces.len(), 5 + 499);
         assert!(cut(0..0, 1, |_| (1, 0..1)).is_empty());
     }
 

@@ -35,6 +35,8 @@ pub struct GpuFormFactors {
     batches: Batches,
     cells: Table,
     pipeline: Pipeline,
+    /// Pairs of a batch at most.
+    most: usize,
     /// Pairs and form factors of one batch at a time.
     buffers: Mutex<(wgpu::Buffer, wgpu::Buffer)>,
 }
@@ -52,14 +54,16 @@ impl GpuFormFactors {
                 corners: surfels.cells.corners[i].map(|c| c.to_array()),
             })
             .collect();
+        let most = MOST.min(gpu.most_bound(size_of::<[u32; 2]>()));
         Ok(GpuFormFactors {
+            most,
             gpu: gpu.clone(),
             batches: Batches::new(gpu)?,
             cells: gpu.table("cells", &cells)?,
             pipeline: Pipeline::new(gpu, &wgsl::FORM_FACTOR)?,
             buffers: Mutex::new((
-                gpu.storage("pairs", MOST * size_of::<[u32; 2]>())?,
-                gpu.storage("form factors", MOST * size_of::<f32>())?,
+                gpu.storage("pairs", most * size_of::<[u32; 2]>())?,
+                gpu.storage("form factors", most * size_of::<f32>())?,
             )),
         })
     }
@@ -69,7 +73,7 @@ impl GpuFormFactors {
     pub fn compute(&self, pairs: &[(u32, u32)]) -> Result<Vec<f32>> {
         let mut found = Vec::with_capacity(pairs.len());
         let (input, output) = &*self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
-        for pairs in pairs.chunks(MOST) {
+        for pairs in pairs.chunks(self.most) {
             let words: Vec<[u32; 2]> = pairs.iter().map(|&(i, j)| [i, j]).collect();
             self.gpu
                 .queue

@@ -115,7 +115,7 @@ impl Lists {
         Ok(Lists {
             rows: gpu.table(what, &rows)?,
             links: gpu.table(what, texels)?,
-            pieces: Pieces::of(gpu, 0..order.len() as u32, layout.vectors, each)?,
+            pieces: Pieces::of(gpu, &[0..order.len() as u32], layout.vectors, each)?,
         })
     }
 }

@@ -177,12 +177,12 @@ impl Stages {
             p2l,
             m2p,
             near_field: Linked::new(gpu, &NEAR_FIELD, &near)?,
-            by_facet: Pieces::of(gpu, 0..n as u32, coefficients, expansion)?,
+            by_facet: Pieces::of(gpu, &[0..n as u32], coefficients, expansion)?,
             by_level: levels
                 .iter()
-                .map(|level| Pieces::of(gpu, level.clone(), coefficients, expansion))
+                .map(|level| Pieces::of(gpu, std::slice::from_ref(level), coefficients, expansion))
                 .collect::<Result<_>>()?,
-            by_surfel: Pieces::of(gpu, 0..n as u32, 1, irradiance)?,
+            by_surfel: Pieces::of(gpu, &[0..n as u32], 1, irradiance)?,
             levels,
             coefficients,
         })
@@ -222,17 +222,6 @@ impl Stages {
         Ok(())
     }
 
-    /// P2L: adds to local expansions what comes from surfels.
-    pub fn p2l(&self, batch: &mut Batch) -> Result<()> {
-        let Some(Linked { pipeline, lists }) = &self.p2l else {
-            return Ok(());
-        };
-        let links = [&lists.rows, &lists.links, &self.radiosity];
-        let tables = [&self.facets, &self.surfels].into_iter().chain(links);
-        let tables: Vec<_> = tables.map(Table::binding).collect();
-        batch.dispatch(pipeline, &tables, &[self.locals()], &lists.pieces)
-    }
-
     /// M2P: adds to the irradiance what comes from the moments in the table.
     pub fn m2p(&self, batch: &mut Batch, irradiance: &wgpu::Buffer) -> Result<()> {
         let Some(Linked { pipeline, lists }) = &self.m2p else {
@@ -244,15 +233,27 @@ impl Stages {
         batch.dispatch(pipeline, &tables, &[(irradiance, 1)], &lists.pieces)
     }
 
+    /// P2L: adds to local expansions what comes from surfels. They take the place of the moments in
+    /// the table.
+    pub fn p2l(&self, batch: &mut Batch) -> Result<()> {
+        let Some(Linked { pipeline, lists }) = &self.p2l else {
+            return Ok(());
+        };
+        self.expansions.copy_from(&self.locals, batch.encoder());
+        let links = [&lists.rows, &lists.links, &self.radiosity, &self.expansions];
+        let tables = [&self.facets, &self.surfels].into_iter().chain(links);
+        let tables: Vec<_> = tables.map(Table::binding).collect();
+        batch.dispatch(pipeline, &tables, &[self.locals()], &lists.pieces)
+    }
+
     /// L2L: adds local expansions to those of the children, from the root down; then all of them
-    /// are in the table, in the place of the moments.
+    /// are in the table.
     pub fn l2l(&self, batch: &mut Batch) -> Result<()> {
         let tables = [&self.facets, &self.expansions].map(Table::binding);
-        for level in 0..self.levels.len() {
-            if level > 0 {
-                let pieces = &self.by_level[level];
-                batch.dispatch(&self.l2l, &tables, &[self.locals()], pieces)?;
-            }
+        self.expansions.copy_from(&self.locals, batch.encoder());
+        for level in 1..self.levels.len() {
+            let pieces = &self.by_level[level];
+            batch.dispatch(&self.l2l, &tables, &[self.locals()], pieces)?;
             self.tabulate(batch, &self.locals, level);
         }
         Ok(())

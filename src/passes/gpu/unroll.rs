@@ -133,7 +133,7 @@ fn bound(text: &str, values: &Values) -> isize {
     signed.split('+').map(term).sum()
 }
 
-/// Appends a line with all `$` replaced.
+/// Appends a line with all `$` replaced. What cannot be evaluated stays, and is no valid WGSL.
 fn substitute(line: &str, values: &Values, out: &mut String) {
     let mut parts = line.split('$');
     out.push_str(parts.next().unwrap_or(""));
@@ -144,46 +144,50 @@ fn substitute(line: &str, values: &Values, out: &mut String) {
             let end = part.find(|c: char| !c.is_alphanumeric() && !"|!".contains(c));
             part.split_at(end.unwrap_or(part.len()))
         };
-        let _ = write!(out, "{}{rest}", evaluate(expression, values));
+        let _ = match evaluate(expression, values) {
+            Some(number) => write!(out, "{number}{rest}"),
+            None => write!(out, "${part}"),
+        };
     }
     out.push('\n');
 }
 
-fn evaluate(expression: &str, values: &Values) -> usize {
+fn evaluate(expression: &str, values: &Values) -> Option<usize> {
     if let Some(name) = expression.strip_suffix('!') {
-        return sum(name, values).map(factorial).into_iter().product();
+        return Some(sum(name, values)?.map(factorial).into_iter().product());
     }
-    if expression.starts_with('|') {
-        return degree(sum(expression.trim_matches('|'), values));
+    if let Some(name) = expression.strip_prefix('|') {
+        return Some(degree(sum(name.strip_suffix('|')?, values)?));
     }
     if let Some((a, b)) = expression.split_once(" over ") {
-        let (a, b) = (sum(a, values), sum(b, values));
-        let choose = |k: usize| factorial(a[k]) / factorial(b[k]) / factorial(a[k] - b[k]);
-        return (0..3).map(choose).product();
+        let (a, b) = (sum(a, values)?, sum(b, values)?);
+        let rest: Option<Vec<u8>> = (0..3).map(|k| a[k].checked_sub(b[k])).collect();
+        let choose = |(k, rest)| factorial(a[k]) / factorial(b[k]) / factorial(rest);
+        return Some(rest?.into_iter().enumerate().map(choose).product());
     }
     let axis = |name: &str| match values.get(name) {
-        Some(&Value::Axis(k)) => k,
-        _ => 0,
+        Some(&Value::Axis(k)) => Some(k),
+        _ => None,
     };
     let parts: Vec<&str> = expression.split(',').collect();
     match (&parts[..], values.get(expression)) {
-        (_, Some(&Value::Number(n) | &Value::Axis(n))) => n,
-        ([a, k], _) => 1 + 3 * position(sum(a, values)) + axis(k),
-        ([a, i, k], _) => 9 * position(sum(a, values)) + 3 * axis(i) + axis(k),
-        _ => position(sum(expression, values)),
+        (_, Some(&Value::Number(n) | &Value::Axis(n))) => Some(n),
+        ([a, k], _) => Some(1 + 3 * position(sum(a, values)?) + axis(k)?),
+        ([a, i, k], _) => Some(9 * position(sum(a, values)?) + 3 * axis(i)? + axis(k)?),
+        _ => Some(position(sum(expression, values)?)),
     }
 }
 
-fn sum(text: &str, values: &Values) -> Index {
+fn sum(text: &str, values: &Values) -> Option<Index> {
     let mut sum = [0; 3];
     for name in text.split('+') {
-        match values.get(name) {
-            Some(&Value::Index(a)) => (0..3).for_each(|k| sum[k] += a[k]),
-            Some(&Value::Axis(k)) => sum[k] += 1,
-            _ => {}
+        match values.get(name)? {
+            Value::Index(a) => (0..3).for_each(|k| sum[k] += a[k]),
+            Value::Axis(k) => sum[*k] += 1,
+            Value::Number(_) => return None,
         }
     }
-    sum
+    Some(sum)
 }
 
 /// WGSL of the derivatives ∂^γ log r up to `most`-th order at distance 1 from the origin.
@@ -229,6 +233,13 @@ pub fn derivatives(most: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_makes_no_sense_stays() {
+        let text = "#for a of degree 0..=1\n$b $(a+c) $(a,b)\n#end\n$a";
+        let line = "$b $(a+c) $(a,b)\n";
+        assert_eq!(unroll(text, 1), line.repeat(4) + "$a\n");
+    }
 
     #[test]
     fn loops_are_written_out() {

@@ -12,8 +12,6 @@ const COEFFICIENTS: &str = include_str!("../../../shaders/shared/coefficients.wg
 pub(super) const KERNEL: &str = include_str!("../../../shaders/shared/kernel.wgsl");
 /// The same for a surfel.
 const SURFEL_KERNEL: &str = include_str!("../../../shaders/shared/surfel_kernel.wgsl");
-/// Writing local expansions.
-const ADD_TO_LOCAL: &str = include_str!("../../../shaders/shared/add_to_local.wgsl");
 /// Reading a table of links.
 const LINK: &str = include_str!("../../../shaders/shared/link.wgsl");
 
@@ -49,13 +47,20 @@ pub const M2L: Shader = stage!(
     "m2l",
     ["facets", "rows", "links", "expansions"],
     ["locals"],
-    [RANGE, EXPANSION, COEFFICIENTS, KERNEL, ADD_TO_LOCAL, LINK]
+    [RANGE, EXPANSION, COEFFICIENTS, KERNEL, LINK]
 );
 pub const P2L: Shader = stage!(
     "p2l",
-    ["facets", "surfels", "rows", "links", "radiosity"],
+    [
+        "facets",
+        "surfels",
+        "rows",
+        "links",
+        "radiosity",
+        "expansions"
+    ],
     ["locals"],
-    [RANGE, EXPANSION, KERNEL, SURFEL_KERNEL, ADD_TO_LOCAL, LINK]
+    [RANGE, EXPANSION, COEFFICIENTS, KERNEL, SURFEL_KERNEL, LINK]
 );
 pub const M2P: Shader = stage!(
     "m2p",
