@@ -64,6 +64,7 @@ fn links_agree_with_exact_sums() {
         method: Method::Fmm,
         occlusion: Occlusion::Surfels,
         tolerance: None,
+        order: None,
         max_bounces: None,
         seed: 0,
     };

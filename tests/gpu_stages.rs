@@ -442,6 +442,7 @@ fn a_map_is_that_of_the_cpu() {
         method: Method::Fmm,
         occlusion: Occlusion::Surfels,
         tolerance: None,
+        order: None,
         max_bounces: None,
         seed: 1,
     };

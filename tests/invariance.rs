@@ -33,6 +33,7 @@ fn irradiance(scene: &Scene, method: Method) -> Vec<Vec3> {
         method,
         occlusion: Occlusion::Surfels,
         tolerance: None,
+        order: None,
         max_bounces: None,
         seed: 1,
     };

@@ -28,6 +28,7 @@ fn solve(scene: &Scene, method: Method, max_bounces: Option<u32>) -> Illuminatio
         method,
         occlusion: Occlusion::Surfels,
         tolerance: None,
+        order: None,
         max_bounces,
         seed: 1,
     };

@@ -50,6 +50,9 @@ pub struct Args {
     /// Relative error to aim at, 1e-6 to 0.5 [default: the scene's, or 0.03]
     #[arg(long, value_name = "T", value_parser = values::tolerance, allow_hyphen_values = true)]
     tolerance: Option<f64>,
+    /// Largest order of the expansions, up to 12, on a GPU to 6 [default: what the tolerance needs]
+    #[arg(long, value_name = "P")]
+    order: Option<usize>,
     /// What stands in the way of light
     #[arg(long, value_enum, default_value = "surfels")]
     visibility: VisibilityArg,
@@ -179,6 +182,7 @@ impl Args {
                 VisibilityArg::None => Occlusion::None,
             },
             tolerance: self.tolerance,
+            order: self.order,
             max_bounces: self.max_bounces,
             seed: self.seed,
         }

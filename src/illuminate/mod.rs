@@ -12,10 +12,11 @@ use serde::Serialize;
 use self::stats::{Seconds, Stats};
 use self::task::Task;
 use crate::error::{Error, Result};
+use crate::links;
 use crate::map::IlluminationMap;
 use crate::octree::{LEAF_SIZE, Octree};
 use crate::operator::{Fmm, GpuFmm};
-use crate::passes::gpu::{Gpu, GpuVisibility};
+use crate::passes::gpu::{self, Gpu, GpuVisibility};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
@@ -54,6 +55,8 @@ pub struct Options {
     pub occlusion: Occlusion,
     /// Relative error asked for; `None` takes the scene's, or 0.03.
     pub tolerance: Option<f64>,
+    /// Largest order of the expansions; `None` takes what the tolerance needs.
+    pub order: Option<usize>,
     /// Bounces to follow; `None` goes on until the solution stands.
     pub max_bounces: Option<u32>,
     /// Seed of all samples: the same seed gives the same bits.
@@ -110,7 +113,8 @@ pub fn illuminate(
     let prepared = Surfels::prepare(&scene.cloud, progress)?;
     let prepare = clock.lap();
     progress.stage("octree", 1);
-    let (octree, surfels) = Octree::build(&prepared.surfels, LEAF_SIZE);
+    let (order, leaf_size) = expansions(options, tolerance, prepared.surfels.len(), &backend)?;
+    let (octree, surfels) = Octree::build(&prepared.surfels, leaf_size);
     let occluders = match options.occlusion {
         Occlusion::Surfels => Some(Occluders::build(&surfels)),
         Occlusion::None => None,
@@ -126,7 +130,7 @@ pub fn illuminate(
         octree: &octree,
         visibility: &visibility,
         tolerance,
-        order: 1,
+        order,
         max_bounces: options.max_bounces,
         seed: options.seed,
         progress,
@@ -157,6 +161,7 @@ pub fn illuminate(
             backend: name.into(),
             adapter,
             tolerance,
+            order: (method == Method::Fmm).then_some(order),
             iterations: solved.ended.iterations,
             residual: solved.ended.residual,
             converged: solved.ended.converged,
@@ -176,6 +181,39 @@ pub fn illuminate(
         },
         surfels,
     })
+}
+
+/// Order of the expansions where visibility is tested: that is what limits their accuracy.
+const ORDER: usize = 1;
+/// Highest order on the CPU. In f32 rounding leaves nothing to gain beyond.
+const MAX_ORDER: usize = 12;
+
+/// Largest order of the expansions, and the size of the leaves for it.
+fn expansions(
+    options: &Options,
+    tolerance: f64,
+    surfels: usize,
+    backend: &Backend,
+) -> Result<(usize, usize)> {
+    let open = options.occlusion == Occlusion::None;
+    let order = options.order.unwrap_or(match open {
+        true => links::open::order(tolerance),
+        false => ORDER,
+    });
+    let (most, place) = match backend {
+        Backend::Cpu => (MAX_ORDER, "on the CPU"),
+        Backend::Gpu { .. } => (gpu::MAX_ORDER, "on a GPU"),
+    };
+    if order > most {
+        return Err(Error::Usage(format!(
+            "order {order}: expansions {place} have orders up to {most}"
+        )));
+    }
+    let leaf_size = match open {
+        true => links::open::leaf_size(order, surfels),
+        false => LEAF_SIZE,
+    };
+    Ok((order, leaf_size))
 }
 
 /// The method to use, if the backend can.

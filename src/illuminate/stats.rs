@@ -51,6 +51,8 @@ pub struct Stats {
     pub adapter: Option<String>,
     /// Relative error that was asked for.
     pub tolerance: f64,
+    /// Largest order of the expansions, if there are any.
+    pub order: Option<usize>,
     /// Applications of the operator by the solver.
     pub iterations: u32,
     /// Relative L2 residual of the radiosity equation at the end.

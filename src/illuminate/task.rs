@@ -16,9 +16,9 @@ use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::solve::{Ended, Stop};
-use crate::visibility::Counted;
+use crate::visibility::{Counted, Visibility};
 
-/// Allowed error of a link in units of the tolerance and the mean irradiance. How errors of many
+/// Allowed error of a link with tested visibility in units of the tolerance and the mean irradiance. How errors of many
 /// links add up is measured: allowed 0.015, the scenes are off by 0.007 to 0.016 in all (`tests/truth.rs`
 /// holds them to the tolerance), the indirect light of a real cave by 0.03.
 const ERROR_A_LINK: f64 = 0.5;
@@ -117,13 +117,7 @@ impl Task<'_> {
         };
         let mut seconds = 0.0;
         let mut run = |accuracy: &Accuracy, start: Option<&[DVec3]>, stop: Stop| {
-            let links = links::build(
-                self.surfels,
-                self.octree,
-                accuracy,
-                self.visibility,
-                self.progress,
-            )?;
+            let links = self.links(accuracy)?;
             let clock = Instant::now();
             let bounced = solve(&links, &self.work(&lights, start, stop))?;
             seconds += clock.elapsed().as_secs_f64();
@@ -131,11 +125,11 @@ impl Task<'_> {
         };
         let rough = self.accuracy(&guess, None, ROUGH_ERROR);
         let (_, rough) = run(&rough, None, rough_stop)?;
-        let fine = self.accuracy(
-            &rough.reflected,
-            Some(&rough.irradiance),
-            ERROR_A_LINK * self.tolerance,
-        );
+        let allowed = match self.visibility.is_open() {
+            true => self.tolerance,
+            false => ERROR_A_LINK * self.tolerance,
+        };
+        let fine = self.accuracy(&rough.reflected, Some(&rough.irradiance), allowed);
         let (links, fine) = run(&fine, Some(&rough.reflected), self.stop())?;
         Ok(Solved {
             irradiance: fine.irradiance,
@@ -148,6 +142,14 @@ impl Task<'_> {
                 .collect(),
             seconds,
         })
+    }
+
+    fn links(&self, accuracy: &Accuracy) -> Result<Links> {
+        let (surfels, octree, progress) = (self.surfels, self.octree, self.progress);
+        match self.visibility.is_open() {
+            true => links::build_open(surfels, octree, accuracy, progress),
+            false => links::build(surfels, octree, accuracy, self.visibility, progress),
+        }
     }
 
     /// Point lights and sky.

@@ -19,7 +19,7 @@ use crate::octree::Octree;
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::random::Purpose;
-use crate::visibility::{NothingInTheWay, Segment, Visibility};
+use crate::visibility::{Segment, Visibility};
 
 /// Units of progress: a pair that splits hands its share on to its children in equal parts.
 const SHARES: u64 = 1 << 20;
@@ -96,31 +96,6 @@ pub fn build(
         expected_error: (traversal.errors / surfels.len() as f64).sqrt(),
         ..Links::none(facets, surfels.len())
     })
-}
-
-/// Part of the expected error that is found at most: measured from 0.1 to 0.47 in the scenes of
-/// `tests/open.rs`.
-const FOUND: f64 = 0.6;
-
-/// The same, where nothing is in the way, with the error of a link chosen so that those of all links
-/// together are expected to be at most `error`.
-pub fn build_open(
-    surfels: &Surfels,
-    octree: &Octree,
-    accuracy: &Accuracy,
-    error: f64,
-    progress: &dyn Progress,
-) -> Result<Links> {
-    let mut accuracy = accuracy.clone();
-    loop {
-        let links = build(surfels, octree, &accuracy, &NothingInTheWay, progress)?;
-        let excess = FOUND * links.expected_error / error;
-        if excess <= 1.0 {
-            return Ok(links);
-        }
-        // The number of links grows meanwhile.
-        accuracy.error /= (1.1 * excess.powf(1.3)) as f32;
-    }
 }
 
 struct Traversal<'a> {

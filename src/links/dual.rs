@@ -11,7 +11,7 @@ use crate::points::Surfels;
 use crate::progress::Progress;
 
 /// Default of [`Mac::theta`].
-pub const THETA: f32 = 0.5;
+pub const THETA: f32 = 0.45;
 
 /// What is to be done with a pair of facets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,15 +8,17 @@ mod dual;
 mod facing;
 mod judge;
 mod near;
+pub mod open;
 mod spans;
 mod walk;
 
 pub use accuracy::Accuracy;
 pub use adaptive::adaptive;
-pub use build::{build, build_open};
+pub use build::build;
 pub use csr::{Entry, Rows};
 pub use dual::{Mac, THETA, Verdict, dual};
 pub use facing::{Cosines, Facing};
+pub use open::build_open;
 pub use spans::Span;
 pub use walk::Interaction;
 

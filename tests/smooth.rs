@@ -1,0 +1,151 @@
+//! The far field where nothing is clamped: does the error fall with the order as theory says?
+
+mod common;
+
+use common::{direction, in_box, polygons, random};
+use fmmgi_gpu::Surfels;
+use fmmgi_gpu::links::{self, Cosines, Links, Mac, THETA};
+use fmmgi_gpu::math::Real;
+use fmmgi_gpu::octree::Octree;
+use fmmgi_gpu::operator::{Fields, Fmm, TransportOperator, exact_irradiance};
+use fmmgi_gpu::progress::Silent;
+use fmmgi_gpu::visibility::NothingInTheWay;
+use glam::{DVec3, Vec3};
+use rand::RngExt;
+
+/// Two sheets of k by k surfels at distance 1 that face each other, with waves of this height.
+fn sheets(k: usize, height: f32) -> Surfels {
+    let at = |i: usize| (i as f32 + 0.5) / k as f32;
+    let mut places = Vec::new();
+    for side in [-1.0, 1.0] {
+        for i in 0..k * k {
+            let (x, y) = (at(i / k), at(i % k));
+            let (u, v) = (9.0 * x, 7.0 * y + side);
+            let z = height * u.sin() * v.sin();
+            let slope = height * Vec3::new(9.0 * u.cos() * v.sin(), 7.0 * u.sin() * v.cos(), 0.0);
+            places.push((
+                Vec3::new(x, y, 0.5 * side + z),
+                -side * (Vec3::Z - slope).normalize(),
+            ));
+        }
+    }
+    polygons(&places, 4, std::f32::consts::FRAC_1_SQRT_2 / k as f32)
+}
+
+/// Two balls of n surfels each, 3 radii apart, whose normals lean by up to 30 degrees.
+fn clusters(n: usize) -> Surfels {
+    let mut rng = random(2);
+    let mut places = Vec::new();
+    for side in [-1.0, 1.0] {
+        while places.len() < n * (1 + usize::from(side > 0.0)) {
+            let place = in_box(&mut rng);
+            let normal = (direction(&mut rng) * 0.5 - side * Vec3::X).normalize();
+            if place.length() < 1.0 {
+                places.push((place + 1.5 * side * Vec3::X, normal));
+            }
+        }
+    }
+    polygons(&places, 6, 0.3 * (n as f32).powf(-1.0 / 3.0))
+}
+
+struct Case {
+    octree: Octree,
+    surfels: Surfels,
+    /// Of one side; the other, in the upper half along the axis, is dark and receives.
+    radiosity: Vec<DVec3>,
+    receivers: Vec<usize>,
+    exact: Vec<DVec3>,
+}
+
+impl Case {
+    fn new(surfels: &Surfels, axis: Vec3) -> Case {
+        let (octree, surfels) = Octree::build(surfels, 32);
+        let mut rng = random(1);
+        let mut colour = || DVec3::from_array(std::array::from_fn(|_| rng.random_range(0.5..1.5)));
+        let receives = |i: usize| axis.dot(surfels.positions[i]) > 0.0;
+        let radiosity: Vec<DVec3> = (0..surfels.len())
+            .map(|i| match receives(i) {
+                true => DVec3::ZERO,
+                false => colour(),
+            })
+            .collect();
+        let receivers: Vec<usize> = (0..surfels.len())
+            .filter(|&i| receives(i))
+            .step_by(41)
+            .collect();
+        let exact = exact_irradiance(&surfels, &NothingInTheWay, &receivers, &radiosity).unwrap();
+        Case {
+            exact: exact.into_iter().map(|(h, _)| h).collect(),
+            octree,
+            surfels,
+            radiosity,
+            receivers,
+        }
+    }
+
+    fn error<T: Real>(&self, links: &Links) -> f64 {
+        let operator = Fmm::<T>::new(&self.surfels, &self.octree, links);
+        let fields = operator.fields();
+        let radiosity = fields.upload(&self.radiosity).unwrap();
+        let found = fields
+            .download(&operator.apply(&radiosity).unwrap())
+            .unwrap();
+        let pairs = self.receivers.iter().zip(&self.exact);
+        let (error, norm) = pairs.fold((0.0, 0.0), |(e, n), (&i, h)| {
+            (e + (found[i] - *h).length_squared(), n + h.length_squared())
+        });
+        (error / norm).sqrt()
+    }
+
+    fn dual(&self, theta: f32, order: usize) -> Links {
+        let mac = Mac {
+            theta,
+            order,
+            cosines: Cosines::Clamped { tolerance: 0.0 },
+        };
+        let facets = &self.octree.facets;
+        let judge = |t: u32, s: u32| mac.judge(&facets[t as usize], &facets[s as usize]);
+        links::dual(&self.octree, &self.surfels, order, judge, &Silent).unwrap()
+    }
+
+    fn adaptive(&self, order: usize) -> Links {
+        let cosines = Cosines::Clamped { tolerance: 0.0 };
+        links::adaptive(&self.octree, &self.surfels, cosines, order, &Silent).unwrap()
+    }
+}
+
+fn cases() -> Vec<(&'static str, Case)> {
+    vec![
+        ("plates", Case::new(&sheets(100, 0.0), Vec3::Z)),
+        ("waves", Case::new(&sheets(100, 0.03), Vec3::Z)),
+        ("clusters", Case::new(&clusters(10_000), Vec3::X)),
+    ]
+}
+
+#[test]
+fn the_error_falls_with_the_order() {
+    for (name, case) in cases() {
+        let mut last = f64::INFINITY;
+        for order in 0..=6 {
+            let links = case.dual(THETA, order);
+            let (double, single) = (case.error::<f64>(&links), case.error::<f32>(&links));
+            let adaptive = case.error::<f64>(&case.adaptive(order));
+            println!(
+                "{name}, order {order}: f64 {double:.1e}, f32 {single:.1e}, adaptive lists {adaptive:.1e}; {:?}",
+                links.counts()
+            );
+            last = double;
+        }
+        for order in [6, 8] {
+            for theta in [0.4, 0.3, 0.2] {
+                let links = case.dual(theta, order);
+                println!(
+                    "{name}, {order} {theta}: {:.1e} {:.1e}",
+                    case.error::<f64>(&links),
+                    case.error::<f32>(&links)
+                );
+            }
+        }
+        let _ = last;
+    }
+}
