@@ -12,13 +12,14 @@ fn m2l(i: u32) {
         let source = sphere(entry.source);
         let way = to.xyz - source.xyz;
         let inverse = 1.0 / length(way);
-        let matrix = kernel(way * inverse, entry.weight * inverse * inverse);
+        let matrix = kernel(way * inverse);
+        let factor = strength(entry.weight, inverse);
         let source_scale = degrees(-source.w * inverse);
         let target_scale = degrees(to.w * inverse);
         var moment: array<Light, COEFFICIENTS>;
         #for a of degree 0..=ORDER
         #for k in axes
-        moment[$(a,k)] = expansion(entry.source, $(a,k)u) * source_scale[$|a|];
+        moment[$(a,k)] = expansion(entry.source, $(a,k)u) * (factor * source_scale[$|a|]);
         #end
         #end
         #for b of degree 0..=ORDER

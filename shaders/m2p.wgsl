@@ -19,7 +19,8 @@ fn m2p(k: u32) {
             }
             let inverse = 1.0 / length(way);
             let source_scale = degrees(-source.w * inverse);
-            let vector = surfel_kernel(normal, way * inverse, entry.weight * inverse * inverse);
+            let factor = strength(entry.weight, inverse);
+            let vector = surfel_kernel(normal * factor, way * inverse);
             #for a of degree 0..=ORDER
             #for k in axes
             sum += expansion(entry.source, $(a,k)u) * (vector[$(a,k)] * source_scale[$|a|]);

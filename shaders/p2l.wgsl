@@ -19,7 +19,8 @@ fn p2l(i: u32) {
             let flux = light(reals(radiosity(j)) * surfel.w);
             let inverse = 1.0 / length(way);
             let target_scale = degrees(to.w * inverse);
-            let vector = surfel_kernel(normal, way * inverse, entry.weight * inverse * inverse);
+            let factor = strength(entry.weight, inverse);
+            let vector = surfel_kernel(normal * factor, way * inverse);
             #for b of degree 0..=ORDER
             #for i in axes
             sum[$(b,i)] += flux * (vector[$(b,i)] * target_scale[$|b|]);
