@@ -8,8 +8,8 @@ use crate::progress::Progress;
 use crate::visibility::NothingInTheWay;
 
 /// Part of the expected error that is found at most. Measured in cornell, organic, the cave and at
-/// random, from 20,000 to a million surfels, for tolerances from 0.1 to 1e-4: 0.1 to 0.55.
-const FOUND: f64 = 0.6;
+/// random, for tolerances from 0.1 to 1e-4: 0.1 to 0.65 (`tests/open.rs`).
+const FOUND: f64 = 0.8;
 
 /// Finds links whose errors are expected to be at most `accuracy.error` together, times the factors
 /// of the targets: that of each link follows from their number.
