@@ -94,6 +94,7 @@ fn check_well_formed(links: &Links, octree: &Octree, s: &Surfels) {
         // Relative to the expansion: twice at most.
         assert!(rows.weights.iter().all(|&w| w <= 2.0));
     }
+    check_rows(&links.mixed, facets, facets);
     check_rows(&links.sampled, facets, facets);
     check_rows(&links.near, s.len(), s.len());
 }
@@ -102,7 +103,7 @@ fn check_well_formed(links: &Links, octree: &Octree, s: &Surfels) {
 fn coverage(links: &Links, octree: &Octree, surface: &Surface<f32>) -> Vec<u8> {
     let n = surface.len();
     let mut count = vec![0u8; n * n];
-    for rows in links.m2l.iter().chain([&links.sampled]) {
+    for rows in links.m2l.iter().chain([&links.mixed, &links.sampled]) {
         for t in 0..octree.facets.len() {
             for (source, _) in rows.row(t) {
                 for i in octree.facets[t].surfels() {

@@ -113,6 +113,14 @@ impl Facing {
         0.125 * opening * (2.0 * opening / range).min(1.0)
     }
 
+    /// Whether it is places more than normals that keep facets from facing each other entirely: then
+    /// most of their parts do, or are averted.
+    pub fn cut_by_place(&self, opening: f32) -> bool {
+        [self.target, self.source]
+            .iter()
+            .any(|h| h[0] < 0.0 && h[1] - h[0] < 3.0 * opening * self.distance)
+    }
+
     /// Largest form factor of the source where signed cosines give one but clamped ones do not.
     fn below_horizon(&self, source: &Facet) -> f32 {
         let [t, s] = [self.target, self.source];

@@ -16,6 +16,8 @@ const NEGLIGIBLE: f32 = 0.5;
 const MAX_DEVIATION: f32 = 0.3;
 /// Segments a link: at least, and at most.
 const SAMPLES: [f32; 2] = [4.0, 32.0];
+/// Larger facets are split before they become a mixed link, where parts of them may be settled.
+const MIXED_SURFELS: usize = 24;
 /// Segments of a link that brings too little to matter.
 const NEGLIGIBLE_SAMPLES: usize = 2;
 /// Largest weight of a far link: more means that the samples missed where the expansion is small.
@@ -124,7 +126,8 @@ impl Judge<'_> {
         if let (true, Some(order)) = (self.open && facing.full(), order) {
             return Verdict::Expand(order, truncation(order));
         }
-        if self.open && apart && !facing.near {
+        let settled = a.len() + b.len() <= MIXED_SURFELS || !facing.cut_by_place(opening);
+        if self.open && apart && !facing.near && settled {
             let radiance = radiosity / std::f32::consts::PI;
             let to_all = radiance * b.area / (facing.gap * facing.gap);
             let cut = (to_all * cos_b * facing.cut(facing.target, opening)
