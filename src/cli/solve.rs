@@ -240,8 +240,9 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
             stats.points, stats.surfels
         ),
         format!(
-            "method      {}, tolerance {}",
+            "method      {}{}, tolerance {}",
             format!("{:?}", stats.method).to_lowercase(),
+            stats.order.map_or(String::new(), |p| format!(" of order {p}")),
             stats.tolerance
         ),
         format!("backend     {backend}"),

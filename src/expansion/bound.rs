@@ -38,7 +38,7 @@ pub fn remainder(order: usize, opening: f64) -> f64 {
 /// takes all surfels to the rim and onto one line, is 25 (order 1, opening 0.2) to 600 times (order
 /// 6, opening 0.6) the root mean square error.
 pub fn expected_error(order: usize, source: f64, target: f64) -> f64 {
-    source.hypot(target).powf(order as f64 + 1.0)
+    source.hypot(target).powi(order as i32 + 1)
 }
 
 /// The least order up to `highest` whose error is at most `allowed`, if there is one.
