@@ -126,7 +126,7 @@ fn cases() -> Vec<(&'static str, Case)> {
     ]
 }
 
-// Theory: the root mean square error of an interaction is expected_error(p) at most, at openings up to
+// Theory: the root mean square error of an interaction is about expected_error(p), at openings up to
 // that of the acceptance, and errors of different interactions are independent. Measured: 0.28 times
 // that at order 0, 0.02 to 0.1 times at order 6, in f64 and f32.
 #[test]

@@ -11,8 +11,8 @@ use crate::visibility::NothingInTheWay;
 /// random, for tolerances from 0.1 to 1e-4: 0.1 to 0.65 (`tests/open.rs`).
 const FOUND: f64 = 0.8;
 
-/// Finds links whose errors are expected to be at most `accuracy.error` together, times the factors
-/// of the targets: that of each link follows from their number.
+/// Finds links whose errors are expected to be at most `accuracy.error` together, root mean square
+/// over the surfels: that of each link, before the factors of the targets, follows from their number.
 pub fn build_open(
     surfels: &Surfels,
     octree: &Octree,
