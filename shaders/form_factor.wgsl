@@ -14,7 +14,7 @@ struct Cell {
 }
 
 const CELL_TEXELS = 7u;
-const NEAR_SPACINGS = 2.0;
+const NEAR_SPACINGS = 2.02;
 const PI = 3.14159265359;
 
 @group(0) @binding(1) var<storage, read> pairs: array<vec2<u32>>;

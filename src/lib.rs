@@ -46,8 +46,9 @@
 //!    light of each surfel with it.
 //! 5. [`links`] decides which facet gives light to which, and measures how much of it gets
 //!    through. Far away, [`expansion`] stands for all surfels of a facet; nearby, surfels are
-//!    linked one by one. Where nothing stands in the way, the links are the [lists](links::adaptive())
-//!    of the adaptive method, or those of a [dual traversal](links::dual()).
+//!    linked one by one. Where nothing stands in the way, [bounds alone](links::build_open()) make
+//!    them. Links that geometry alone makes, the [lists](links::adaptive()) of the adaptive method and
+//!    those of a [dual traversal](links::dual()), are there to compare with.
 //! 6. [`operator`] applies the links: radiosity in, irradiance out. Its stages are in [`passes`],
 //!    under one name in Rust and in WGSL.
 //! 7. [`mod@solve`] finds the radiosity that the operator and the reflectance keep as it is.

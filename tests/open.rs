@@ -154,3 +154,14 @@ fn a_cave_keeps_its_tolerance() {
 fn disorder_keeps_its_tolerance() {
     keeps_its_tolerance("disorder", &disorder(20_000));
 }
+
+/// Leaves grow with the order, up to the highest.
+#[test]
+fn every_order_has_its_leaves() {
+    for surfels in [1, 20_000, 1_000_000] {
+        let sizes: Vec<usize> = (0..=12)
+            .map(|p| links::open::leaf_size(p, surfels))
+            .collect();
+        assert!(sizes.is_sorted() && sizes[0] >= 4, "{sizes:?}");
+    }
+}

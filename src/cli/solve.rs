@@ -242,7 +242,9 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
         format!(
             "method      {}{}, tolerance {}",
             format!("{:?}", stats.method).to_lowercase(),
-            stats.order.map_or(String::new(), |p| format!(" of order {p}")),
+            stats
+                .order
+                .map_or(String::new(), |p| format!(" of order {p}")),
             stats.tolerance
         ),
         format!("backend     {backend}"),

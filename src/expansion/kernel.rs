@@ -6,7 +6,9 @@ use crate::points::{MAX_EDGES, Surfels};
 
 /// Pairs closer than this many spacings (square root of the larger area) take the exact form
 /// factor of the source's cell; farther ones the point kernel.
-pub const NEAR_SPACINGS: f64 = 2.0;
+///
+/// No distance of a lattice: where pairs lie exactly at the limit, rounding would decide on which side.
+pub const NEAR_SPACINGS: f64 = 2.02;
 
 /// max(0, n_x·(y-x)) max(0, n_y·(x-y)) / (π |x-y|⁴), in 1/unit²; 0 where x = y.
 #[inline(always)]

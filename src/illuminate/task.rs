@@ -18,9 +18,9 @@ use crate::scene::Scene;
 use crate::solve::{Ended, Stop};
 use crate::visibility::{Counted, Visibility};
 
-/// Allowed error of a link with tested visibility in units of the tolerance and the mean irradiance. How errors of many
-/// links add up is measured: allowed 0.015, the scenes are off by 0.007 to 0.016 in all (`tests/truth.rs`
-/// holds them to the tolerance), the indirect light of a real cave by 0.03.
+/// Allowed error of a link with tested visibility in units of the tolerance and the mean irradiance.
+/// How errors of many links add up is measured: allowed 0.015, the scenes are off by 0.007 to 0.016
+/// in all (`tests/truth.rs` holds them to the tolerance), the indirect light of a real cave by 0.03.
 const ERROR_A_LINK: f64 = 0.5;
 /// The same for the first, rough links.
 const ROUGH_ERROR: f64 = 0.3;
@@ -28,6 +28,7 @@ const ROUGH_ERROR: f64 = 0.3;
 const ROUGH_RESIDUAL: f64 = 0.03;
 /// What f32 can reach.
 const LEAST_RESIDUAL: f64 = 1e-6;
+
 /// What stays the same through a run.
 pub(super) struct Task<'a> {
     pub scene: &'a Scene,

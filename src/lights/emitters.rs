@@ -45,7 +45,10 @@ pub fn emitters(
         let first = k * BATCH;
         let mut receivers: Vec<Receiver> = (first..first + batch.len())
             .into_par_iter()
-            .map(|i| emitters.receiver(i, seed))
+            .map_init(
+                || Workspace::new(emitters.moments.indices()),
+                |workspace, i| emitters.receiver(i, seed, workspace),
+            )
             .collect();
         for (round, count) in SEGMENTS.into_iter().enumerate() {
             let drawn: Vec<Vec<Drawn>> = receivers
@@ -164,9 +167,8 @@ impl Emitters {
     }
 
     /// The clusters that light surfel `i`.
-    fn receiver(&self, i: usize, seed: u64) -> Receiver {
+    fn receiver(&self, i: usize, seed: u64, workspace: &mut Workspace<f64>) -> Receiver {
         let mut items = Vec::new();
-        let mut workspace = Workspace::<f64>::new(self.moments.indices());
         let mut stack = vec![0_u32];
         while let Some(f) = stack.pop() {
             let facet = &self.octree.facets[f as usize];

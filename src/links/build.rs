@@ -26,6 +26,12 @@ const SHARES: u64 = 1 << 20;
 /// Pairs of facets judged in one batch.
 const BATCH: usize = 1 << 15;
 
+/// Part of the error of expansions of order 0 and 1 that has the same sign in all links of a surfel: at
+/// order 0 that of its place in the facet, at order 1 that of the kernel's curvature.
+const BIAS: [f64; 2] = [0.25, 0.1];
+/// Error of a sampled link that brings too little to matter, as a part of what it can bring.
+const SAMPLED: f32 = 0.3;
+
 /// Finds the links of all surfels by the rules above.
 pub fn build(
     surfels: &Surfels,
@@ -53,6 +59,7 @@ pub fn build(
         near: Vec::new(),
         smooth: 0,
         errors: 0.0,
+        bias: 0.0,
         done: 0.0,
     };
     let free = memory::available();
@@ -82,6 +89,7 @@ pub fn build(
         )));
     }
     let facets = octree.facets.len();
+    let expected_error = traversal.expected_error();
     Ok(Links {
         m2l: traversal
             .m2l
@@ -93,7 +101,7 @@ pub fn build(
         smooth: traversal.smooth,
         sampled: Rows::new(facets, traversal.sampled),
         near: Rows::new(surfels.len(), traversal.near),
-        expected_error: (traversal.errors / surfels.len() as f64).sqrt(),
+        expected_error,
         ..Links::none(facets, surfels.len())
     })
 }
@@ -112,6 +120,8 @@ struct Traversal<'a> {
     smooth: u64,
     /// Sum over the surfels of the squares of the errors of their links.
     errors: f64,
+    /// And of the errors that have one sign.
+    bias: f64,
     /// Share of the whole traversal that is done.
     done: f64,
 }
@@ -185,15 +195,16 @@ impl Traversal<'_> {
             match (verdict, outcome) {
                 (Verdict::Drop, _) | (Verdict::Candidate(_), Outcome::Drop) => {}
                 (Verdict::Expand(order, error), _) => {
-                    self.add_error(pair, error);
+                    let biased = BIAS.get(order).copied().unwrap_or(0.0);
+                    self.add_error(pair, error, biased);
                     self.m2l[order].push(entry(1.0));
                     self.smooth += 1;
                 }
                 (Verdict::Mixed(error), _) => {
-                    self.add_error(pair, error);
+                    self.add_error(pair, error, 0.0);
                     self.mixed.push(entry(1.0));
                 }
-                (Verdict::Pairs(near), _) | (Verdict::Candidate(_), Outcome::Pairs(near)) => {
+                (Verdict::Pairs(near), _) => {
                     self.p2p.push(entry(1.0));
                     self.add_near(&near, &vec![true; near.len()]);
                 }
@@ -222,6 +233,7 @@ impl Traversal<'_> {
                             self.smooth += u64::from(smooth);
                         }
                         Outcome::Sampled(kernel) if kernel > 0.0 => {
+                            self.add_error(pair, SAMPLED * c.bound, 0.0);
                             self.sampled.push(entry(kernel));
                         }
                         _ => {}
@@ -232,9 +244,17 @@ impl Traversal<'_> {
         Ok(())
     }
 
-    fn add_error(&mut self, pair: Pair, error: f32) {
+    /// Independent errors add up by their squares, others as they are.
+    fn expected_error(&self) -> f64 {
+        let n = self.surfels.len() as f64;
+        (self.errors / n).sqrt().hypot(self.bias / n)
+    }
+
+    /// Takes the error of a link into account, of which a part is `biased`.
+    fn add_error(&mut self, pair: Pair, error: f32, biased: f64) {
         let surfels = self.judge.facets(pair).0.len() as f64;
         self.errors += f64::from(error).powi(2) * surfels;
+        self.bias += f64::from(error) * biased * surfels;
     }
 
     fn add_near(&mut self, samples: &[Sample], visible: &[bool]) {

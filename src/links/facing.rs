@@ -66,7 +66,7 @@ impl Facing {
         let mut facing = Facing {
             distance,
             gap,
-            near: gap < NEAR_SPACINGS as f32 * target.spacing.max(source.spacing),
+            near: gap < 1.00001 * NEAR_SPACINGS as f32 * target.spacing.max(source.spacing),
             target: heights(target, source, farthest),
             source: heights(source, target, farthest),
         };

@@ -83,8 +83,6 @@ pub(super) enum Outcome {
     Drop,
     Split,
     Near,
-    /// As the verdict of this name.
-    Pairs(Vec<Sample>),
     /// Weight, and whether nothing was seen in the way.
     Far(f32, bool),
     Sampled(f32),
@@ -215,10 +213,10 @@ impl Judge<'_> {
             }
         }
         let (a, b) = self.facets(pair);
-        match (a.is_leaf() && b.is_leaf(), self.open) {
-            (true, true) => Outcome::Pairs(self.near_pairs(pair, &Facing::between(a, b))),
-            (true, false) => Outcome::Near,
-            (false, _) => Outcome::Split,
+        if a.is_leaf() && b.is_leaf() {
+            Outcome::Near
+        } else {
+            Outcome::Split
         }
     }
 

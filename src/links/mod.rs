@@ -53,7 +53,8 @@ pub struct Links {
     /// Surfel from surfel: the weight is the form factor times the visibility.
     pub near: Rows,
     /// Error of the irradiance that is expected of the expansions where nothing is in the way: root
-    /// mean square over the surfels, if errors of different links are independent.
+    /// mean square over the surfels, if errors of different links are independent. Sampled links, which
+    /// bring too little to matter one by one, do not count.
     pub expected_error: f64,
 }
 

@@ -50,7 +50,7 @@ pub(super) fn build(surfels: &Surfels, leaf_size: usize) -> (Octree, Surfels) {
     let mut keys = keys(surfels, &cones);
     let builder = Builder {
         surfels,
-        leaf_size,
+        leaf_size: leaf_size.max(1),
         cones: &cones,
     };
     let mut octree = builder.facets(&mut keys);

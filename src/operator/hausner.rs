@@ -15,7 +15,7 @@ use crate::passes::cpu::{near_field, p2p};
 use crate::points::Surfels;
 
 /// The operator with [`expansion::hausner`](crate::expansion::hausner): a reference for the Cartesian
-/// tensors of [`Fmm`](super::Fmm), by the same links.
+/// tensors of [`Fmm`](super::Fmm), by the same links, but for mixed ones, which it leaves out.
 ///
 /// An expansion of order p takes 384 C(p+3, 3) bytes, 32 KiB at order 6, and each facet has two: for
 /// clouds of some ten thousand surfels.

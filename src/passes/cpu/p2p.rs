@@ -12,7 +12,7 @@ const LANES: usize = 8;
 /// Receivers of one task, at most.
 const RECEIVERS: usize = 64;
 /// Sources that are summed before they are added to the rest, which keeps rounding small. In f32
-/// they take 18 KiB, so that all receivers of a task find them in the first cache.
+/// they take 20 KiB, so that all receivers of a task find them in the first cache.
 const SOURCES: usize = 512;
 
 /// P2P: adds what the surfels of each facet get, by the clamped point kernel, from those of the

@@ -12,11 +12,11 @@
 //! #end
 //! ```
 //!
-//! Inside, x, y and z are axes, `$k` is a number, `$a` the number of a multi-index in the order of the crate, `$|a|` its
-//! degree, `$a!` its factorial (αx! αy! αz!), `$(a+b)` the number of a sum; an axis counts as a unit
-//! vector in it. `$(a,k)` is the place of component k of index a among the coefficients of an
-//! expansion, `$(a,i,k)` that of entry (i, k) of a 3 by 3 matrix; `$(a over b)` is the binomial
-//! coefficient of multi-indices.
+//! Inside, x, y and z are axes, `$k` is a number, `$a` the number of a multi-index in the order of the
+//! crate, `$|a|` its degree, `$a!` its factorial (αx! αy! αz!), `$(a+b)` the number of a sum; an axis
+//! counts as a unit vector in it. `$(a,k)` is the place of component k of index a among the
+//! coefficients of an expansion, `$(a,i,k)` that of entry (i, k) of a 3 by 3 matrix; `$(a over b)` is
+//! the binomial coefficient of multi-indices.
 
 use std::collections::HashMap;
 use std::fmt::Write;
