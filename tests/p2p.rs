@@ -3,15 +3,17 @@
 
 mod common;
 
-use common::{clutter, random, room, sphere};
+use common::{clutter, gpu, random, room, sphere};
 use fmmgi_gpu::Surfels;
-use fmmgi_gpu::expansion::{Surface, point_kernel};
-use fmmgi_gpu::links::{Entry, Rows};
+use fmmgi_gpu::expansion::Surface;
+use fmmgi_gpu::links::{Entry, Links, Rows};
 use fmmgi_gpu::math::{Real, Vector};
 use fmmgi_gpu::octree::Octree;
 use fmmgi_gpu::passes::cpu;
-use glam::DVec3;
+use fmmgi_gpu::passes::gpu::{Batches, Gpu, Stages};
+use glam::{DVec3, Vec3};
 use rand::RngExt;
+use wgpu::Features;
 
 /// Links between facets of a cloud.
 struct Case {
@@ -88,6 +90,37 @@ impl Case {
         irradiance.iter().map(wide).collect()
     }
 
+    fn gpu(&self, gpu: &Gpu, radiosity: &[DVec3], before: &[DVec3]) -> Vec<DVec3> {
+        let links = Links {
+            m2l: vec![Rows::none(self.octree.facets.len()); 2],
+            p2p: self.rows.clone(),
+            ..Links::none(self.octree.facets.len(), self.surfels.len())
+        };
+        let stages = Stages::new(gpu, &self.surfels, &self.octree, &links).unwrap();
+        let upload = |values: &[DVec3]| {
+            let texels: Vec<[f32; 4]> = values
+                .iter()
+                .map(|v| v.as_vec3().extend(f32::NAN).to_array())
+                .collect();
+            let buffer = gpu.storage("test", texels.len() * 16).unwrap();
+            gpu.queue
+                .write_buffer(&buffer, 0, bytemuck::cast_slice(&texels));
+            buffer
+        };
+        let (radiosity, irradiance) = (upload(radiosity), upload(before));
+        let batches = Batches::new(gpu).unwrap();
+        let found: Vec<[f32; 4]> = batches
+            .run_and_read("test", &irradiance, before.len(), |batch| {
+                stages.take(batch, &radiosity);
+                stages.p2p(batch, &irradiance)
+            })
+            .unwrap();
+        found
+            .iter()
+            .map(|&[r, g, b, _]| Vec3::new(r, g, b).as_dvec3())
+            .collect()
+    }
+
     /// The same link by link and pair by pair.
     fn expected(&self, radiosity: &[DVec3], before: &[DVec3]) -> Vec<DVec3> {
         let surface = Surface::<f64>::new(&self.surfels);
@@ -151,5 +184,22 @@ fn sums_are_those_of_the_kernel_over_pairs() {
         println!("{name}: f64 {double:.1e}, f32 {single:.1e}");
         assert!(double < 1e-14, "{name}: {double}");
         assert!(single < 1e-6, "{name}: {single}");
+    }
+}
+
+/// With subgroups, where the device has them, and without.
+#[test]
+fn the_device_gets_what_the_cpu_gets() {
+    let without = common::limited(wgpu::Limits::default());
+    assert!(!without.device.features().contains(Features::SUBGROUP));
+    for (name, case) in cases() {
+        let (radiosity, before) = (case.colours(1), case.colours(2));
+        let expected = case.cpu::<f32>(&radiosity, &before);
+        for (kind, gpu) in [("shared", gpu()), ("alone", &without)] {
+            let found = case.gpu(gpu, &radiosity, &before);
+            let off = difference(&found, &expected);
+            println!("{name}, {kind}: {off:.1e}");
+            assert!(off < 1e-6, "{name}, {kind}: {off}");
+        }
     }
 }

@@ -50,6 +50,7 @@ impl TransportOperator for GpuFmm {
             stages.m2l(batch)?;
             stages.l2l(batch)?;
             stages.l2p(batch, &irradiance)?;
+            stages.p2p(batch, &irradiance)?;
             stages.near_field(batch, &irradiance)
         })?;
         Ok(irradiance)

@@ -22,6 +22,8 @@ pub struct Shader {
     pub expansions: &'static [&'static str],
     /// Shared texts that it needs.
     pub shared: &'static [&'static str],
+    /// Invocations an item.
+    pub lanes: u32,
     /// The rest: constants, bindings after those, functions.
     pub text: &'static str,
 }
@@ -31,7 +33,8 @@ impl Shader {
     /// stage.
     pub fn source(&self) -> String {
         let mut source = format!(
-            "const WORKGROUP = {WORKGROUP}u;\nconst TABLE_WIDTH = {TABLE_WIDTH}u;\n{}",
+            "const WORKGROUP = {WORKGROUP}u;\nconst LANES = {}u;\nconst TABLE_WIDTH = {TABLE_WIDTH}u;\n{}",
+            self.lanes,
             include_str!("../../../shaders/shared/invocation.wgsl")
         );
         let table = include_str!("../../../shaders/shared/table.wgsl");
@@ -56,6 +59,8 @@ impl Shader {
 /// A stage that is ready to run.
 pub struct Pipeline {
     name: &'static str,
+    /// Items of a workgroup.
+    items: u32,
     pipeline: wgpu::ComputePipeline,
 }
 
@@ -80,23 +85,24 @@ impl Pipeline {
         })?;
         Ok(Pipeline {
             name: shader.name,
+            items: WORKGROUP / shader.lanes,
             pipeline,
         })
     }
 
-    /// Records `invocations` of the stage, with `resources` bound at 0, 1, ...; returns the number
+    /// Records the stage on so many items, with `resources` bound at 0, 1, ...; returns the number
     /// of workgroups.
     pub fn dispatch(
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         resources: &[BindingResource],
-        invocations: u32,
+        items: u32,
     ) -> u32 {
         let entries = (0..)
             .zip(resources.iter().cloned())
             .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource });
-        self.dispatch_entries(gpu, encoder, &entries.collect::<Vec<_>>(), invocations)
+        self.dispatch_entries(gpu, encoder, &entries.collect::<Vec<_>>(), items)
     }
 
     pub(super) fn dispatch_entries(
@@ -104,7 +110,7 @@ impl Pipeline {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         entries: &[wgpu::BindGroupEntry],
-        invocations: u32,
+        items: u32,
     ) -> u32 {
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(self.name),
@@ -112,7 +118,7 @@ impl Pipeline {
             entries,
         });
         // Rows of workgroups, because one row is not long enough for all.
-        let groups = invocations.div_ceil(WORKGROUP);
+        let groups = items.div_ceil(self.items);
         let row = groups.min(gpu.device.limits().max_compute_workgroups_per_dimension);
         let rows = groups.checked_div(row).map_or(0, |_| groups.div_ceil(row));
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {

@@ -12,7 +12,7 @@ use crate::points::Surfels;
 
 use super::batch::{Batch, Pieces};
 use super::wgsl::{L2L, L2P, M2L, M2M, NEAR_FIELD, P2M};
-use super::{Gpu, Pipeline, Table};
+use super::{Gpu, P2p, Pipeline, Table};
 
 /// Coefficients of an expansion, each a vector of red, green, blue and 0: three of order zero,
 /// nine of order one, row by row, and one more (see `expansion::Moments` and `expansion::Local`).
@@ -69,6 +69,7 @@ pub struct Stages {
     surfels: Table,
     far: Lists,
     near: Lists,
+    points: P2p,
     /// [`COEFFICIENTS`] vectors a facet.
     pub moments: wgpu::Buffer,
     moments_table: Table,
@@ -168,6 +169,7 @@ impl Stages {
                 &[(&links.m2l[1], COEFFICIENTS + 2), (&links.sampled, 2)],
             )?,
             near: Lists::new(gpu, "near links", &[(&links.near, 2)])?,
+            points: P2p::new(gpu, octree, &links.p2p)?,
             moments: gpu.storage("moments", n * COEFFICIENTS * VECTOR)?,
             moments_table: gpu.empty_table("moments", n * COEFFICIENTS)?,
             locals: gpu.storage("local expansions", n * COEFFICIENTS * VECTOR)?,
@@ -184,7 +186,7 @@ impl Stages {
         })
     }
 
-    /// Takes the radiosity for [`Self::p2m`] and [`Self::near_field`] from a field.
+    /// Takes the radiosity for [`Self::p2m`], [`Self::p2p`] and [`Self::near_field`] from a field.
     pub fn take(&self, batch: &mut Batch, radiosity: &wgpu::Buffer) {
         self.radiosity.copy_from(radiosity, batch.encoder());
     }
@@ -234,6 +236,12 @@ impl Stages {
             irradiance.as_entire_binding(),
         ];
         batch.dispatch(&self.l2p, &resources, &self.all_facets)
+    }
+
+    /// P2P: adds what each surfel gets by the point kernel.
+    pub fn p2p(&self, batch: &mut Batch, irradiance: &wgpu::Buffer) -> Result<()> {
+        self.points
+            .record(batch, &self.surfels, &self.radiosity, irradiance)
     }
 
     /// Near field: adds what each surfel gets by the near links.

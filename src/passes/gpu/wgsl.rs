@@ -8,6 +8,8 @@ const RANGE: &str = include_str!("../../../shaders/shared/range.wgsl");
 const EXPANSION: &str = include_str!("../../../shaders/shared/expansion.wgsl");
 /// Reading a table of links.
 const LINK: &str = include_str!("../../../shaders/shared/link.wgsl");
+/// The entry point: a subgroup for each of a part of the items.
+const SUBGROUP: &str = include_str!("../../../shaders/shared/subgroup.wgsl");
 
 macro_rules! stage {
     ($name:literal, [$($table:literal),*], [$($expansion:literal),*], [$($shared:expr),*]) => {
@@ -16,6 +18,7 @@ macro_rules! stage {
             tables: &[$($table),*],
             expansions: &[$($expansion),*],
             shared: &[$($shared),*],
+            lanes: 1,
             text: include_str!(concat!("../../../shaders/", $name, ".wgsl")),
         }
     };
@@ -44,6 +47,21 @@ pub const NEAR_FIELD: Shader = stage!(
     [],
     [RANGE, LINK]
 );
+pub const P2P: Shader = Shader {
+    lanes: 8,
+    ..stage!(
+        "p2p",
+        ["items", "spans", "surfels", "radiosity"],
+        [],
+        [SUBGROUP]
+    )
+};
+pub const P2P_ALONE: Shader = stage!(
+    "p2p_alone",
+    ["items", "spans", "surfels", "radiosity"],
+    [],
+    [RANGE, P2P.text]
+);
 pub const FORM_FACTOR: Shader = stage!("form_factor", ["cells"], [], [RANGE]);
 pub const AXPY: Shader = stage!("axpy", [], [], [RANGE]);
 pub const SCALE: Shader = stage!("scale", [], [], [RANGE]);
@@ -59,6 +77,8 @@ pub const SHADERS: &[&Shader] = &[
     &L2L,
     &L2P,
     &NEAR_FIELD,
+    &P2P,
+    &P2P_ALONE,
     &FORM_FACTOR,
     &AXPY,
     &SCALE,
