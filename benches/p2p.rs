@@ -4,11 +4,13 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use fmmgi_gpu::Surfels;
 use fmmgi_gpu::expansion::Surface;
-use fmmgi_gpu::links::{Entry, Rows};
+use fmmgi_gpu::links::{Entry, Links, Rows};
 use fmmgi_gpu::octree::Octree;
+use fmmgi_gpu::operator::{Fields, GpuFields};
 use fmmgi_gpu::passes::cpu;
+use fmmgi_gpu::passes::gpu::{Batch, Batches, Gpu, Stages, adapter};
 use fmmgi_gpu::points::{Cells, MAX_EDGES};
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 /// Spheres seen from inside, in Fibonacci points.
 fn sphere(n: usize) -> Surfels {
@@ -38,7 +40,7 @@ fn sphere(n: usize) -> Surfels {
     }
 }
 
-/// Every leaf from the leaves beside it, some 500 surfels.
+/// Every leaf from the 24 leaves beside it, in the octree's order.
 fn leaves(octree: &Octree) -> Rows {
     let leaves: Vec<usize> = (0..octree.facets.len())
         .filter(|&f| octree.facets[f].is_leaf())
@@ -46,20 +48,18 @@ fn leaves(octree: &Octree) -> Rows {
     let mut entries = Vec::new();
     for &target in &leaves {
         let centre = octree.facets[target].centre;
-        let mut by_distance = leaves.clone();
-        by_distance.sort_by(|&a, &b| {
+        let mut sources = leaves.clone();
+        sources.sort_by(|&a, &b| {
             let distance = |f: usize| octree.facets[f].centre.distance_squared(centre);
             distance(a).total_cmp(&distance(b))
         });
-        entries.extend(
-            by_distance[..24.min(leaves.len())]
-                .iter()
-                .map(|&source| Entry {
-                    target: target as u32,
-                    source: source as u32,
-                    weight: 1.0,
-                }),
-        );
+        sources.truncate(24);
+        sources.sort_by_key(|&f| octree.facets[f].begin);
+        entries.extend(sources.iter().map(|&source| Entry {
+            target: target as u32,
+            source: source as u32,
+            weight: 1.0,
+        }));
     }
     Rows::new(octree.facets.len(), entries)
 }
@@ -82,17 +82,53 @@ fn pairs(octree: &Octree, rows: &Rows) -> u64 {
 }
 
 fn p2p(criterion: &mut Criterion) {
-    let (octree, surfels) = Octree::build(&sphere(16_384), 32);
-    let surface = Surface::<f32>::new(&surfels);
-    let radiosity = vec![Vec3::ONE; surfels.len()];
-    for (name, rows) in [("all pairs", whole(&octree)), ("leaves", leaves(&octree))] {
+    let gpu = match adapter::open(&adapter::AdapterChoice::Any) {
+        Ok(open) => {
+            println!("adapter {}", open.info);
+            Some(Gpu::new(&open.device, &open.queue))
+        }
+        Err(error) => {
+            println!("the CPU alone is measured: {error}");
+            None
+        }
+    };
+    // Leaves of 33 surfels on the average.
+    for (name, n, leaf_size, rows) in [
+        ("all pairs", 16_384, 32, whole as fn(&Octree) -> Rows),
+        ("leaves", 120_000, 64, leaves),
+    ] {
+        let (octree, surfels) = Octree::build(&sphere(n), leaf_size);
+        let rows = rows(&octree);
+        let surface = Surface::<f32>::new(&surfels);
+        let radiosity = vec![Vec3::ONE; n];
         let mut group = criterion.benchmark_group(format!("p2p {name}"));
         group.sample_size(20);
         group.throughput(Throughput::Elements(pairs(&octree, &rows)));
+        let leaves = octree.facets.iter().filter(|f| f.is_leaf()).count();
+        println!("{n} surfels in {leaves} leaves");
         group.bench_function("cpu", |b| {
             let mut irradiance = vec![Vec3::ZERO; surfels.len()];
             b.iter(|| cpu::p2p(&octree, &surface, &rows, &radiosity, &mut irradiance))
         });
+        if let Some(gpu) = &gpu {
+            let links = Links {
+                m2l: vec![Rows::none(octree.facets.len()); 2],
+                p2p: rows,
+                ..Links::none(octree.facets.len(), n)
+            };
+            let stages = Stages::new(gpu, &surfels, &octree, &links).unwrap();
+            let fields = GpuFields::new(gpu, n).unwrap();
+            let ones = fields.upload(&vec![DVec3::ONE; n]).unwrap();
+            let irradiance = fields.copy(&ones).unwrap();
+            let batches = Batches::new(gpu).unwrap();
+            let run = |batch: &mut Batch| {
+                stages.take(batch, &ones);
+                stages.p2p(batch, &irradiance)
+            };
+            group.bench_function("gpu", |b| {
+                b.iter(|| batches.run_and_wait("p2p", run).unwrap())
+            });
+        }
         group.finish();
     }
 }

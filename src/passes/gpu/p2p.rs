@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 use wgpu::Features;
 
 use crate::error::Result;
-use crate::links::Rows;
+use crate::links::{Rows, Span};
 use crate::octree::Octree;
 
 use super::batch::{Batch, Pieces};
@@ -17,9 +17,12 @@ use super::{Gpu, Pipeline, Table};
 const SHARED: u32 = 32;
 const ALONE: u32 = 4;
 /// Sources of a span, at most: sums are taken span by span, which keeps rounding small.
-const SOURCES: u32 = 512;
+const SOURCES: u32 = 128;
+/// Sources of an item, at most. Each takes up to three rounds of a loop, and Mesa's llvmpipe leaves the
+/// loops of an invocation after 65,535 rounds, without a word.
+const ROW: u32 = 1 << 14;
 /// Pairs that take as long as reading a texel.
-const PAIRS: usize = 16;
+const PAIRS: u32 = 16;
 
 /// A texel of the table of items: some receivers of one facet, and its row.
 #[repr(C)]
@@ -59,42 +62,46 @@ impl P2p {
         };
         let mut items = Vec::new();
         let mut spans = Vec::new();
-        let mut work = Vec::new();
-        // Level by level: facets of one level have no surfels in common.
-        let mut levels = Vec::new();
+        let mut turns = Vec::new();
+        // Facets of one level have no surfels in common, and the runs of a row take turns: no two
+        // items of a turn add to the same surfel.
         for level in 0..octree.depth() {
-            let first_item = items.len() as u32;
+            let mut open: Vec<Vec<PointItem>> = Vec::new();
             for target in octree.level(level) {
-                let first_span = spans.len() as u32;
-                let mut sources = 0;
-                for span in rows.spans(octree, target) {
-                    sources += span.len();
-                    spans.extend(blocks(span.begin..span.end, SOURCES).map(|part| PointSpan {
-                        begin: part.start,
-                        end: part.end,
-                        weight: span.weight,
-                        padding: 0,
-                    }));
-                }
-                if sources > 0 {
-                    let facet = &octree.facets[target];
-                    for part in blocks(facet.begin..facet.end, receivers) {
-                        work.push(1 + sources * receivers as usize / PAIRS);
-                        items.push(PointItem {
+                let facet = &octree.facets[target];
+                let row = rows.spans(octree, target);
+                for (turn, run) in runs(&row).into_iter().enumerate() {
+                    let first_span = spans.len() as u32;
+                    spans.extend(run);
+                    if turn == open.len() {
+                        open.push(Vec::new());
+                    }
+                    open[turn].extend(blocks(facet.begin..facet.end, receivers).map(|part| {
+                        PointItem {
                             first: part.start,
                             end: part.end,
                             first_span,
                             end_span: spans.len() as u32,
-                        });
-                    }
+                        }
+                    }));
                 }
             }
-            levels.push(first_item..items.len() as u32);
+            for turn in open {
+                let first = items.len() as u32;
+                items.extend(turn);
+                turns.push(first..items.len() as u32);
+            }
         }
+        let work = |i: u32| {
+            let item = &items[i as usize];
+            let spans = &spans[item.first_span as usize..item.end_span as usize];
+            let sources: u32 = spans.iter().map(|s: &PointSpan| s.end - s.begin).sum();
+            1 + spans.len() + (receivers * sources / PAIRS) as usize
+        };
         Ok(P2p {
             items: gpu.table("receivers of p2p", &items)?,
             spans: gpu.table("sources of p2p", &spans)?,
-            pieces: Pieces::in_turn(gpu, &levels, |i| work[i as usize])?,
+            pieces: Pieces::in_turn(gpu, &turns, work)?,
             pipeline: Pipeline::new(gpu, shader)?,
         })
     }
@@ -116,6 +123,31 @@ impl P2p {
         ];
         batch.dispatch(&self.pipeline, &resources, &self.pieces)
     }
+}
+
+/// Cuts a row into runs of at most [`ROW`] sources, in spans of at most [`SOURCES`].
+fn runs(row: &[Span]) -> Vec<Vec<PointSpan>> {
+    let mut runs = Vec::new();
+    let mut sources = ROW;
+    for span in row {
+        for part in blocks(span.begin..span.end, SOURCES) {
+            let len = part.len() as u32;
+            if sources + len > ROW {
+                runs.push(Vec::new());
+                sources = 0;
+            }
+            sources += len;
+            runs.last_mut().into_iter().for_each(|run: &mut Vec<_>| {
+                run.push(PointSpan {
+                    begin: part.start,
+                    end: part.end,
+                    weight: span.weight,
+                    padding: 0,
+                });
+            });
+        }
+    }
+    runs
 }
 
 /// Cuts a range into parts of at most `size`.
