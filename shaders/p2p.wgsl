@@ -33,7 +33,7 @@ struct Source {
     charge: vec3<f32>,
 }
 
-// Four receivers, and what they got.
+// Four receivers.
 struct Receivers {
     x: vec4<f32>,
     y: vec4<f32>,
@@ -44,6 +44,7 @@ struct Receivers {
     inward_z: vec4<f32>,
 }
 
+// What they got.
 struct Light {
     red: vec4<f32>,
     green: vec4<f32>,
@@ -80,7 +81,8 @@ fn load_receivers(first: u32, stride: u32, end: u32) -> Receivers {
     );
 }
 
-// max(0, x) n_x . r ... of four receivers from one source, without 1 / pi.
+// The clamped kernel, times pi, of four receivers and one source; (x, y, z) runs from source to
+// receiver. Not divided by r⁴, which leaves the range of f32.
 fn point_kernel(to: Receivers, source: Source) -> vec4<f32> {
     let x = to.x - source.position.x;
     let y = to.y - source.position.y;

@@ -18,9 +18,9 @@ const SHARED: u32 = 32;
 const ALONE: u32 = 4;
 /// Sources of a span, at most: sums are taken span by span, which keeps rounding small.
 const SOURCES: u32 = 128;
-/// Sources of an item, at most. Each takes up to three rounds of a loop, and Mesa's llvmpipe leaves the
-/// loops of an invocation after 65,535 rounds, without a word.
-const ROW: u32 = 1 << 14;
+/// Sources of an item, at most. In subgroups of four each takes up to six rounds of a loop, and Mesa's
+/// llvmpipe leaves the loops of an invocation after 65,535 rounds in all, without a word.
+const ROW: u32 = 1 << 13;
 /// Pairs that take as long as reading a texel.
 const PAIRS: u32 = 16;
 
@@ -128,24 +128,24 @@ impl P2p {
 /// Cuts a row into runs of at most [`ROW`] sources, in spans of at most [`SOURCES`].
 fn runs(row: &[Span]) -> Vec<Vec<PointSpan>> {
     let mut runs = Vec::new();
-    let mut sources = ROW;
+    let (mut run, mut sources) = (Vec::new(), 0);
     for span in row {
         for part in blocks(span.begin..span.end, SOURCES) {
-            let len = part.len() as u32;
-            if sources + len > ROW {
-                runs.push(Vec::new());
+            if sources + part.len() as u32 > ROW {
+                runs.push(std::mem::take(&mut run));
                 sources = 0;
             }
-            sources += len;
-            runs.last_mut().into_iter().for_each(|run: &mut Vec<_>| {
-                run.push(PointSpan {
-                    begin: part.start,
-                    end: part.end,
-                    weight: span.weight,
-                    padding: 0,
-                });
+            sources += part.len() as u32;
+            run.push(PointSpan {
+                begin: part.start,
+                end: part.end,
+                weight: span.weight,
+                padding: 0,
             });
         }
+    }
+    if !run.is_empty() {
+        runs.push(run);
     }
     runs
 }
