@@ -91,6 +91,7 @@ fn stage(name: &'static str, ran: &'static str) -> Pipeline {
         name,
         tables: &[],
         vectors: &[],
+        lanes: 1,
         shared: Box::leak(Box::new([BINDINGS])),
         text: ran,
         order: 0,

@@ -4,7 +4,9 @@ use std::mem::offset_of;
 
 use fmmgi_gpu::expansion::coefficients;
 use fmmgi_gpu::passes::gpu::wgsl::EXPANSION_STAGES;
-use fmmgi_gpu::passes::gpu::{Cell, Facet, Link, MAX_ORDER, SHADERS, Shader, Surfel};
+use fmmgi_gpu::passes::gpu::{
+    Cell, Facet, Link, MAX_ORDER, PointItem, PointSpan, SHADERS, Shader, Surfel,
+};
 use fmmgi_gpu::visibility::{Node, Occluder, Segment};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Expression, Literal, Module, TypeInner};
@@ -143,6 +145,19 @@ fn expansions_read_what_rust_writes() {
 fn links_are_read_as_rust_writes_them() {
     for name in ["m2l", "p2l", "m2p", "near_field"] {
         same_layout!(&module(name), Link, "Link", [source => "source", weight => "weight"]);
+    }
+}
+
+#[test]
+fn points_are_read_as_rust_writes_them() {
+    for name in ["p2p", "p2p_alone"] {
+        let module = module(name);
+        same_layout!(&module, PointItem, "Item", [
+            first => "first", end => "end", first_span => "first_span", end_span => "end_span",
+        ]);
+        same_layout!(&module, PointSpan, "Span", [
+            begin => "begin", end => "end", weight => "weight", padding => "padding",
+        ]);
     }
 }
 

@@ -14,7 +14,7 @@ use super::batch::{Batch, Pieces, VECTOR, Vectors};
 use super::lists::{Layout, Lists};
 use super::shader::{MAX_ORDER, Shader};
 use super::wgsl::{L2L, L2P, M2L, M2M, M2P, NEAR_FIELD, P2L, P2M};
-use super::{Gpu, Pipeline, Table};
+use super::{Gpu, P2p, Pipeline, Table};
 
 /// Two texels of the table of surfels.
 #[repr(C)]
@@ -65,6 +65,7 @@ pub struct Stages {
     m2l: Vec<Linked>,
     p2l: Option<Linked>,
     m2p: Option<Linked>,
+    p2p: Option<P2p>,
     near_field: Linked,
     /// All facets, which write expansions.
     by_facet: Pieces,
@@ -176,6 +177,9 @@ impl Stages {
             m2l,
             p2l,
             m2p,
+            p2p: (!links.p2p.is_empty())
+                .then(|| P2p::new(gpu, octree, &links.p2p))
+                .transpose()?,
             near_field: Linked::new(gpu, &NEAR_FIELD, &near)?,
             by_facet: Pieces::of(gpu, &[0..n as u32], coefficients, expansion)?,
             by_level: levels
@@ -188,7 +192,8 @@ impl Stages {
         })
     }
 
-    /// Takes the radiosity for [`Self::p2m`], [`Self::p2l`] and [`Self::near_field`] from a field.
+    /// Takes the radiosity, which is what [`Self::p2m`], [`Self::p2l`], [`Self::p2p`] and
+    /// [`Self::near_field`] work on, from a field.
     pub fn take(&self, batch: &mut Batch, radiosity: &wgpu::Buffer) {
         self.radiosity.copy_from(radiosity, batch.encoder());
     }
@@ -264,6 +269,14 @@ impl Stages {
     pub fn l2p(&self, batch: &mut Batch, irradiance: &wgpu::Buffer) -> Result<()> {
         let tables = [&self.facets, &self.surfels, &self.expansions].map(Table::binding);
         batch.dispatch(&self.l2p, &tables, &[(irradiance, 1)], &self.by_surfel)
+    }
+
+    /// P2P: adds what each surfel gets by the point kernel.
+    pub fn p2p(&self, batch: &mut Batch, irradiance: &wgpu::Buffer) -> Result<()> {
+        match &self.p2p {
+            Some(p2p) => p2p.record(batch, &self.surfels, &self.radiosity, irradiance),
+            None => Ok(()),
+        }
     }
 
     /// Near field: adds what each surfel gets by the near links.

@@ -14,6 +14,8 @@ pub(super) const KERNEL: &str = include_str!("../../../shaders/shared/kernel.wgs
 const SURFEL_KERNEL: &str = include_str!("../../../shaders/shared/surfel_kernel.wgsl");
 /// Reading a table of links.
 const LINK: &str = include_str!("../../../shaders/shared/link.wgsl");
+/// The entry point: a subgroup for each of a part of the items.
+const SUBGROUP: &str = include_str!("../../../shaders/shared/subgroup.wgsl");
 
 macro_rules! stage {
     ($name:literal, [$($table:literal),*], [$($vectors:literal),*], [$($shared:expr),*]) => {
@@ -22,6 +24,7 @@ macro_rules! stage {
             tables: &[$($table),*],
             vectors: &[$($vectors),*],
             shared: &[$($shared),*],
+            lanes: 1,
             text: include_str!(concat!("../../../shaders/", $name, ".wgsl")),
             order: 0,
             full_order: 0,
@@ -86,6 +89,21 @@ pub const NEAR_FIELD: Shader = stage!(
     ["irradiance"],
     [RANGE, LINK]
 );
+pub const P2P: Shader = Shader {
+    lanes: 8,
+    ..stage!(
+        "p2p",
+        ["items", "spans", "surfels", "radiosity"],
+        ["irradiance"],
+        [SUBGROUP]
+    )
+};
+pub const P2P_ALONE: Shader = stage!(
+    "p2p_alone",
+    ["items", "spans", "surfels", "radiosity"],
+    ["irradiance"],
+    [RANGE, P2P.text]
+);
 pub const FORM_FACTOR: Shader = stage!("form_factor", ["cells"], [], [RANGE]);
 pub const AXPY: Shader = stage!("axpy", [], [], [RANGE]);
 pub const SCALE: Shader = stage!("scale", [], [], [RANGE]);
@@ -106,6 +124,8 @@ pub const SHADERS: &[&Shader] = &[
     &L2L,
     &L2P,
     &NEAR_FIELD,
+    &P2P,
+    &P2P_ALONE,
     &FORM_FACTOR,
     &AXPY,
     &SCALE,
