@@ -10,30 +10,13 @@ fn m2l(i: u32) {
     for (var e = row.y; e < row.z; e++) {
         let entry = link(e);
         let source = sphere(entry.source);
-        let way = to.xyz - source.xyz;
-        let inverse = 1.0 / length(way);
-        let matrix = kernel(way * inverse, entry.weight * inverse * inverse);
-        let source_scale = degrees(-source.w * inverse);
-        let target_scale = degrees(to.w * inverse);
-        var moment: array<Light, COEFFICIENTS>;
+        var moments: array<Light, COEFFICIENTS>;
         #for a of degree 0..=ORDER
         #for k in axes
-        moment[$(a,k)] = expansion(entry.source, $(a,k)u) * source_scale[$|a|];
+        moments[$(a,k)] = expansion(entry.source, $(a,k)u);
         #end
         #end
-        #for b of degree 0..=ORDER
-        #for i in axes
-        {
-            var derivative = Light();
-            #for a of degree 0..=ORDER-|b|
-            #for k in axes
-            derivative += moment[$(a,k)] * matrix[$(a+b,i,k)];
-            #end
-            #end
-            sum[$(b,i)] += derivative * target_scale[$|b|];
-        }
-        #end
-        #end
+        add_field(&sum, &moments, to.xyz - source.xyz, vec2(source.w, to.w), entry.weight);
     }
     for (var e = row.z; e < row.w; e++) {
         let entry = link(e);

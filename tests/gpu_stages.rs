@@ -5,7 +5,7 @@ mod common;
 
 use common::{clutter, gpu, polygons, random, room, sphere};
 use fmmgi_gpu::expansion::{Expansions, Surface, coefficients};
-use fmmgi_gpu::links::{self, Accuracy, Entry, Links, Rows};
+use fmmgi_gpu::links::{self, Accuracy, Entry, Links, MIXED_ORDER, Rows};
 use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Fields, Fmm, GpuFields, GpuFmm, HostFields, TransportOperator};
 use fmmgi_gpu::passes::cpu;
@@ -82,6 +82,8 @@ impl Case {
                 .collect(),
             p2l: rows(facets.len(), &apart),
             m2p: rows(facets.len(), &apart),
+            p2p: rows(facets.len(), &|_, _| true),
+            mixed: rows(facets.len(), &apart),
             sampled: rows(facets.len(), &|_, _| true),
             near: rows(surfels.len(), &|_, _| true),
             ..Links::none(facets.len(), surfels.len())
@@ -300,6 +302,26 @@ fn compare_stages(case: &Case) {
         stages.l2p(batch, &irradiance)
     });
     same("l2p", &found, &expected);
+
+    // From one, which is more than they add where it is little.
+    let mut expected = vec![Vec3::ONE; case.surfels.len()];
+    let irradiance = buffer(&expected);
+    let mixed_order = order.min(MIXED_ORDER);
+    cpu::mixed(
+        mixed_order,
+        octree,
+        &links.mixed,
+        &surface,
+        &radiosity,
+        &mut expected,
+    );
+    let found = run(&irradiance, |batch| stages.mixed(batch, &irradiance));
+    same("mixed", &found, &expected);
+
+    let irradiance = buffer(&expected);
+    cpu::p2p(octree, &surface, &links.p2p, &radiosity, &mut expected);
+    let found = run(&irradiance, |batch| stages.p2p(batch, &irradiance));
+    same("p2p", &found, &expected);
 
     let irradiance = buffer(&expected);
     cpu::near_field::<f32>(&links.near, &radiosity, &mut expected);

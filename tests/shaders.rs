@@ -5,7 +5,8 @@ use std::mem::offset_of;
 use fmmgi_gpu::expansion::coefficients;
 use fmmgi_gpu::passes::gpu::wgsl::EXPANSION_STAGES;
 use fmmgi_gpu::passes::gpu::{
-    Cell, Facet, Link, MAX_ORDER, PointItem, PointSpan, SHADERS, Shader, Surfel,
+    Cell, Facet, Link, MAX_ORDER, MixedItem, MixedPart, PointItem, PointSpan, SHADERS, Shader,
+    Surfel,
 };
 use fmmgi_gpu::visibility::{Node, Occluder, Segment};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -159,6 +160,22 @@ fn points_are_read_as_rust_writes_them() {
             begin => "begin", end => "end", weight => "weight", padding => "padding",
         ]);
     }
+}
+
+#[test]
+fn mixed_links_are_read_as_rust_writes_them() {
+    let module = module("mixed");
+    same_layout!(&module, MixedItem, "Item", [
+        facet => "facet", first => "first", end => "end", first_part => "first_part",
+        end_part => "end_part", padding => "padding",
+    ]);
+    same_layout!(&module, MixedPart, "Part", [
+        source => "source", begin => "begin", end => "end", weight => "weight",
+    ]);
+    assert_eq!(
+        constant(&module, "ITEM_TEXELS") as usize,
+        size_of::<MixedItem>() / 16
+    );
 }
 
 #[test]

@@ -10,6 +10,7 @@ use crate::links::{Rows, Span};
 use crate::octree::Octree;
 
 use super::batch::{Batch, Pieces};
+use super::turns::{ROUNDS, blocks, in_turns};
 use super::wgsl::{P2P, P2P_ALONE};
 use super::{Gpu, Pipeline, Table};
 
@@ -18,9 +19,9 @@ const SHARED: u32 = 32;
 const ALONE: u32 = 4;
 /// Sources of a span, at most: sums are taken span by span, which keeps rounding small.
 const SOURCES: u32 = 128;
-/// Sources of an item, at most. In subgroups of four each takes up to six rounds of a loop, and Mesa's
-/// llvmpipe leaves the loops of an invocation after 65,535 rounds in all, without a word.
-const ROW: u32 = 1 << 13;
+/// Sources of an item, at most: in small subgroups each takes up to six rounds, but all lanes take
+/// them together.
+const ROW: u32 = ROUNDS as u32;
 /// Pairs that take as long as reading a texel.
 const PAIRS: u32 = 16;
 
@@ -60,38 +61,27 @@ impl P2p {
         } else {
             (&P2P_ALONE, ALONE)
         };
-        let mut items = Vec::new();
         let mut spans = Vec::new();
-        let mut turns = Vec::new();
-        // Facets of one level have no surfels in common, and the runs of a row take turns: no two
-        // items of a turn add to the same surfel.
-        for level in 0..octree.depth() {
-            let mut open: Vec<Vec<PointItem>> = Vec::new();
-            for target in octree.level(level) {
-                let facet = &octree.facets[target];
-                let row = rows.spans(octree, target);
-                for (turn, run) in runs(&row).into_iter().enumerate() {
-                    let first_span = spans.len() as u32;
-                    spans.extend(run);
-                    if turn == open.len() {
-                        open.push(Vec::new());
-                    }
-                    open[turn].extend(blocks(facet.begin..facet.end, receivers).map(|part| {
-                        PointItem {
-                            first: part.start,
-                            end: part.end,
-                            first_span,
-                            end_span: spans.len() as u32,
-                        }
-                    }));
-                }
+        let (items, turns) = in_turns(octree, rows, |target| {
+            let facet = &octree.facets[target];
+            let mut items = Vec::new();
+            for run in runs(&rows.spans(octree, target)) {
+                let first_span = spans.len() as u32;
+                spans.extend(run);
+                let item = |part: Range<u32>| PointItem {
+                    first: part.start,
+                    end: part.end,
+                    first_span,
+                    end_span: spans.len() as u32,
+                };
+                items.push(
+                    blocks(facet.begin..facet.end, receivers)
+                        .map(item)
+                        .collect(),
+                );
             }
-            for turn in open {
-                let first = items.len() as u32;
-                items.extend(turn);
-                turns.push(first..items.len() as u32);
-            }
-        }
+            items
+        });
         let each = |i: u32| {
             let item = &items[i as usize];
             let spans = &spans[item.first_span as usize..item.end_span as usize];
@@ -148,12 +138,4 @@ fn runs(row: &[Span]) -> Vec<Vec<PointSpan>> {
         runs.push(run);
     }
     runs
-}
-
-/// Cuts a range into parts of at most `size`.
-fn blocks(range: Range<u32>, size: u32) -> impl Iterator<Item = Range<u32>> {
-    let end = range.end;
-    range
-        .step_by(size as usize)
-        .map(move |first| first..(first + size).min(end))
 }

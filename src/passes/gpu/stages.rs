@@ -14,7 +14,7 @@ use super::batch::{Batch, Pieces, VECTOR, Vectors};
 use super::lists::{Layout, Lists};
 use super::shader::{MAX_ORDER, Shader};
 use super::wgsl::{L2L, L2P, M2L, M2M, M2P, NEAR_FIELD, P2L, P2M};
-use super::{Gpu, P2p, Pipeline, Table};
+use super::{Gpu, Mixed, P2p, Pipeline, Table};
 
 /// Two texels of the table of surfels.
 #[repr(C)]
@@ -65,6 +65,7 @@ pub struct Stages {
     m2l: Vec<Linked>,
     p2l: Option<Linked>,
     m2p: Option<Linked>,
+    mixed: Option<Mixed>,
     p2p: Option<P2p>,
     near_field: Linked,
     /// All facets, which write expansions.
@@ -177,6 +178,9 @@ impl Stages {
             m2l,
             p2l,
             m2p,
+            mixed: (!links.mixed.is_empty())
+                .then(|| Mixed::new(gpu, octree, links))
+                .transpose()?,
             p2p: (!links.p2p.is_empty())
                 .then(|| P2p::new(gpu, octree, &links.p2p))
                 .transpose()?,
@@ -192,8 +196,8 @@ impl Stages {
         })
     }
 
-    /// Takes the radiosity, which is what [`Self::p2m`], [`Self::p2l`], [`Self::p2p`] and
-    /// [`Self::near_field`] work on, from a field.
+    /// Takes the radiosity, which is what [`Self::p2m`], [`Self::p2l`], [`Self::mixed`],
+    /// [`Self::p2p`] and [`Self::near_field`] work on, from a field.
     pub fn take(&self, batch: &mut Batch, radiosity: &wgpu::Buffer) {
         self.radiosity.copy_from(radiosity, batch.encoder());
     }
@@ -271,6 +275,15 @@ impl Stages {
         batch.dispatch(&self.l2p, &tables, &[(irradiance, 1)], &self.by_surfel)
     }
 
+    /// P2M, M2L and L2P of each mixed link: adds what surfels get from those that face them.
+    pub fn mixed(&self, batch: &mut Batch, irradiance: &wgpu::Buffer) -> Result<()> {
+        let (facets, surfels, radiosity) = (&self.facets, &self.surfels, &self.radiosity);
+        match &self.mixed {
+            Some(mixed) => mixed.record(batch, facets, surfels, radiosity, irradiance),
+            None => Ok(()),
+        }
+    }
+
     /// P2P: adds what each surfel gets by the point kernel.
     pub fn p2p(&self, batch: &mut Batch, irradiance: &wgpu::Buffer) -> Result<()> {
         match &self.p2p {
@@ -332,7 +345,7 @@ fn by_leaf(octree: &Octree, links: &Rows) -> Rows {
 
 /// Work of a link: what it reads, and its sums over pairs of multi-indices, of which twenty take the
 /// time of a texel.
-fn translation(order: usize) -> usize {
+pub(super) fn translation(order: usize) -> usize {
     let pairs: usize = (1..=6).fold(1, |pairs, k| pairs * (order + k) / k);
     coefficients(order) + 2 + 9 * pairs / 20
 }

@@ -12,6 +12,12 @@ const COEFFICIENTS: &str = include_str!("../../../shaders/shared/coefficients.wg
 pub(super) const KERNEL: &str = include_str!("../../../shaders/shared/kernel.wgsl");
 /// The same for a surfel.
 const SURFEL_KERNEL: &str = include_str!("../../../shaders/shared/surfel_kernel.wgsl");
+/// P2M of a surfel.
+const SURFEL_MOMENTS: &str = include_str!("../../../shaders/shared/surfel_moments.wgsl");
+/// M2L of a link.
+const FIELD: &str = include_str!("../../../shaders/shared/field.wgsl");
+/// L2P of a surfel.
+const SURFEL_FIELD: &str = include_str!("../../../shaders/shared/surfel_field.wgsl");
 /// Reading a table of links.
 const LINK: &str = include_str!("../../../shaders/shared/link.wgsl");
 /// The entry point: a subgroup for each of a part of the items.
@@ -38,7 +44,7 @@ pub const P2M: Shader = stage!(
     "p2m",
     ["facets", "surfels", "radiosity"],
     ["moments"],
-    [RANGE, EXPANSION]
+    [RANGE, EXPANSION, SURFEL_MOMENTS]
 );
 pub const M2M: Shader = stage!(
     "m2m",
@@ -50,7 +56,7 @@ pub const M2L: Shader = stage!(
     "m2l",
     ["facets", "rows", "links", "expansions"],
     ["locals"],
-    [RANGE, EXPANSION, COEFFICIENTS, KERNEL, LINK]
+    [RANGE, EXPANSION, COEFFICIENTS, KERNEL, FIELD, LINK]
 );
 pub const P2L: Shader = stage!(
     "p2l",
@@ -81,7 +87,20 @@ pub const L2P: Shader = stage!(
     "l2p",
     ["facets", "surfels", "expansions"],
     ["irradiance"],
-    [RANGE, EXPANSION, COEFFICIENTS]
+    [RANGE, EXPANSION, COEFFICIENTS, SURFEL_FIELD]
+);
+pub const MIXED: Shader = stage!(
+    "mixed",
+    ["facets", "surfels", "items", "parts", "radiosity"],
+    ["irradiance"],
+    [
+        RANGE,
+        EXPANSION,
+        SURFEL_MOMENTS,
+        KERNEL,
+        FIELD,
+        SURFEL_FIELD
+    ]
 );
 pub const NEAR_FIELD: Shader = stage!(
     "near_field",
@@ -123,6 +142,7 @@ pub const SHADERS: &[&Shader] = &[
     &M2P,
     &L2L,
     &L2P,
+    &MIXED,
     &NEAR_FIELD,
     &P2P,
     &P2P_ALONE,
