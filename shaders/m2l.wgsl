@@ -1,7 +1,6 @@
-// M2L: local expansions from the moments of the facets that they are linked to, by links of order
-// ORDER. Those of the full order come first, with the sampled links, and begin the expansion;
-// others add to it. The twin of src/passes/cpu/m2l.rs.
-// Tables: facets, rows, links, expansions (moments). Writes locals.
+// M2L: adds to local expansions the field of the moments of the facets that they are linked to, by
+// links of order ORDER and sampled ones. The twin of src/passes/cpu/m2l.rs.
+// Tables: facets, rows, links, expansions (moments). Adds to locals.
 
 fn m2l(i: u32) {
     let row = rows(i);
@@ -22,18 +21,10 @@ fn m2l(i: u32) {
         let entry = link(e);
         sum[0] += expansion(entry.source, 0u) * entry.weight;
     }
-    if BEGINS {
-        store_locals(row.x, 0u, sum[0]);
-    }
+    store_locals(row.x, 0u, load_locals(row.x, 0u) + sum[0]);
     #for b of degree 0..=ORDER
     #for i in axes
-    {
-        var coefficient = sum[$(b,i)] * (1.0 / $b!.0);
-        if !BEGINS {
-            coefficient += load_locals(row.x, $(b,i)u);
-        }
-        store_locals(row.x, $(b,i)u, coefficient);
-    }
+    store_locals(row.x, $(b,i)u, load_locals(row.x, $(b,i)u) + sum[$(b,i)] * (1.0 / $b!.0));
     #end
     #end
 }

@@ -294,7 +294,7 @@ fn the_number_of_threads_does_not_matter() {
 
 /// A device with subgroups, if there are any, and one without.
 fn devices() -> [(&'static str, Gpu); 2] {
-    let without = common::limited(wgpu::Limits::default());
+    let without = common::limited(wgpu::Limits::default(), Features::empty());
     assert!(!without.device.features().contains(Features::SUBGROUP));
     [("shared", gpu().clone()), ("alone", without)]
 }

@@ -19,9 +19,9 @@ const SHARED: u32 = 32;
 const ALONE: u32 = 4;
 /// Sources of a span, at most: sums are taken span by span, which keeps rounding small.
 const SOURCES: u32 = 128;
-/// Sources of an item, at most: in small subgroups each takes up to six rounds, but all lanes take
-/// them together.
-const ROW: u32 = ROUNDS as u32;
+/// Sources of an item, at most. In subgroups of four each takes up to six rounds, which all lanes
+/// take together.
+const ROW: u32 = 2 * ROUNDS as u32;
 /// Pairs that take as long as reading a texel.
 const PAIRS: u32 = 16;
 

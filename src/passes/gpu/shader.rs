@@ -81,10 +81,8 @@ impl Shader {
              const ORDER = {order}u;\n\
              const TERMS = {}u;\n\
              const STRIDE = {stride}u;\n\
-             const BEGINS = {};\n\
              {}",
             count(order),
-            self.order == self.full_order,
             include_str!("../../../shaders/shared/invocation.wgsl")
         );
         for (binding, name) in self.tables.iter().enumerate() {

@@ -5,9 +5,13 @@ use std::ops::Range;
 use crate::links::Rows;
 use crate::octree::Octree;
 
-/// Rounds of its loops that an invocation is given, at most. Mesa's llvmpipe leaves the loops of
-/// eight invocations side by side after 65,535 rounds in all, without a word.
-pub const ROUNDS: usize = 1 << 13;
+/// Rounds of its loops that an invocation is given, at most, if its work can be cut. Mesa's llvmpipe
+/// leaves the loops of eight invocations side by side after 65,535 rounds in all, without a word;
+/// where loops are nested, the rounds of all eight may add up.
+pub const ROUNDS: usize = 1 << 12;
+/// The same of what cannot be cut: surfels of a leaf, or of a facet whose surfels act one by one on
+/// an expansion.
+pub const UNCUT: usize = 1 << 14;
 
 /// Items of the rows of facets, and the ranges of them that may run at once: no two items of a turn
 /// add to the same surfel. Facets of one level have no surfels in common; the runs into which `cut`

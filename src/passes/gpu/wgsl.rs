@@ -60,16 +60,9 @@ pub const M2L: Shader = stage!(
 );
 pub const P2L: Shader = stage!(
     "p2l",
-    [
-        "facets",
-        "surfels",
-        "rows",
-        "links",
-        "radiosity",
-        "expansions"
-    ],
+    ["facets", "surfels", "rows", "links", "radiosity"],
     ["locals"],
-    [RANGE, EXPANSION, COEFFICIENTS, KERNEL, SURFEL_KERNEL, LINK]
+    [RANGE, EXPANSION, KERNEL, SURFEL_KERNEL, LINK]
 );
 pub const M2P: Shader = stage!(
     "m2p",
