@@ -2,7 +2,7 @@
 
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
 use fmmgi_gpu::expansion::Surface;
-use fmmgi_gpu::links::{self, Accuracy, Entry, Links, Rows};
+use fmmgi_gpu::links::{self, Accuracy, Entry, Links, MIXED_ORDER, Rows};
 use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Fields, Fmm, GpuFmm, TransportOperator};
 use fmmgi_gpu::passes::cpu;
@@ -135,7 +135,7 @@ fn stages(criterion: &mut Criterion) {
 }
 
 /// Pass by pass, with expansions of one order: the far links of the scene, all of this order, and
-/// those of them that end or begin at a leaf as M2P and P2L.
+/// those of them that end or begin at a leaf as M2P and P2L, those between leaves as mixed links.
 fn passes(criterion: &mut Criterion, case: &Case, gpu: Option<&Gpu>, order: usize) {
     let (octree, facets) = (&case.octree, case.octree.facets.len());
     let far = &case.links.m2l[1];
@@ -154,6 +154,7 @@ fn passes(criterion: &mut Criterion, case: &Case, gpu: Option<&Gpu>, order: usiz
         m2l: vec![Rows::none(facets); order + 1],
         m2p: of(&|t, _| leaf(t)),
         p2l: of(&|_, s| leaf(s)),
+        mixed: of(&|t, s| leaf(t) && leaf(s)),
         ..case.links.clone()
     };
     links.m2l[order] = far.clone();
@@ -248,6 +249,23 @@ fn passes(criterion: &mut Criterion, case: &Case, gpu: Option<&Gpu>, order: usiz
         n,
         &mut || drop(cpu::l2p(octree, surface, &inherited)),
         &|stages, batch, field| stages.l2p(batch, field),
+    );
+    let mixed_order = order.min(MIXED_ORDER);
+    compare(
+        "mixed",
+        links.mixed.len(),
+        &mut || {
+            let rows = &links.mixed;
+            cpu::mixed(
+                mixed_order,
+                octree,
+                rows,
+                surface,
+                radiosity,
+                &mut irradiance,
+            )
+        },
+        &|stages, batch, field| stages.mixed(batch, field),
     );
     compare(
         "near field",

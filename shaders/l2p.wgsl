@@ -9,26 +9,17 @@ fn l2p(f: u32) {
         return;
     }
     let inverse_scale = 1.0 / facet.w;
-    let scalar = expansion(f, 0u);
     var local: array<Light, COEFFICIENTS>;
+    local[0] = expansion(f, 0u);
     #for b of degree 0..=ORDER
     #for k in axes
     local[$(b,k)] = expansion(f, $(b,k)u);
     #end
     #end
     for (var i = members.x; i < members.y; i++) {
-        let place = powers((reals(surfels(i * SURFEL_TEXELS)).xyz - facet.xyz) * inverse_scale);
+        let place = (reals(surfels(i * SURFEL_TEXELS)).xyz - facet.xyz) * inverse_scale;
         let normal = reals(surfels(i * SURFEL_TEXELS + 1u)).xyz;
-        var sum = scalar;
-        #for k in axes
-        {
-            var field = Light();
-            #for b of degree 0..=ORDER
-            field += local[$(b,k)] * place[$b];
-            #end
-            sum += field * normal[$k];
-        }
-        #end
+        let sum = irradiance_at(&local, normal, place);
         store_irradiance(i, 0u, load_irradiance(i, 0u) + sum);
     }
 }

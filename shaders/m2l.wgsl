@@ -1,7 +1,6 @@
-// M2L: local expansions from the moments of the facets that they are linked to, by links of order
-// ORDER. Those of the full order come first, with the sampled links, and begin the expansion;
-// others add to it. The twin of src/passes/cpu/m2l.rs.
-// Tables: facets, rows, links, expansions (moments). Writes locals.
+// M2L: adds to local expansions the field of the moments of the facets that they are linked to, by
+// links of order ORDER and sampled ones. The twin of src/passes/cpu/m2l.rs.
+// Tables: facets, rows, links, expansions (moments). Adds to locals.
 
 fn m2l(i: u32) {
     let row = rows(i);
@@ -10,48 +9,22 @@ fn m2l(i: u32) {
     for (var e = row.y; e < row.z; e++) {
         let entry = link(e);
         let source = sphere(entry.source);
-        let way = to.xyz - source.xyz;
-        let inverse = 1.0 / length(way);
-        let matrix = kernel(way * inverse);
-        let factor = strength(entry.weight, inverse);
-        let source_scale = degrees(-source.w * inverse);
-        let target_scale = degrees(to.w * inverse);
-        var moment: array<Light, COEFFICIENTS>;
+        var moments: array<Light, COEFFICIENTS>;
         #for a of degree 0..=ORDER
         #for k in axes
-        moment[$(a,k)] = expansion(entry.source, $(a,k)u) * (factor * source_scale[$|a|]);
+        moments[$(a,k)] = expansion(entry.source, $(a,k)u);
         #end
         #end
-        #for b of degree 0..=ORDER
-        #for i in axes
-        {
-            var derivative = Light();
-            #for a of degree 0..=ORDER-|b|
-            #for k in axes
-            derivative += moment[$(a,k)] * matrix[$(a+b,i,k)];
-            #end
-            #end
-            sum[$(b,i)] += derivative * target_scale[$|b|];
-        }
-        #end
-        #end
+        add_field(&sum, &moments, to.xyz - source.xyz, vec2(source.w, to.w), entry.weight);
     }
     for (var e = row.z; e < row.w; e++) {
         let entry = link(e);
         sum[0] += expansion(entry.source, 0u) * entry.weight;
     }
-    if BEGINS {
-        store_locals(row.x, 0u, sum[0]);
-    }
+    store_locals(row.x, 0u, load_locals(row.x, 0u) + sum[0]);
     #for b of degree 0..=ORDER
     #for i in axes
-    {
-        var coefficient = sum[$(b,i)] * (1.0 / $b!.0);
-        if !BEGINS {
-            coefficient += load_locals(row.x, $(b,i)u);
-        }
-        store_locals(row.x, $(b,i)u, coefficient);
-    }
+    store_locals(row.x, $(b,i)u, load_locals(row.x, $(b,i)u) + sum[$(b,i)] * (1.0 / $b!.0));
     #end
     #end
 }

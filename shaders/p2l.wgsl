@@ -1,6 +1,6 @@
 // P2L: adds to local expansions the field of each surfel of the facets that they are linked to, if
 // the surfel has their centre in front. The twin of src/passes/cpu/p2l.rs.
-// Tables: facets, surfels, rows, links, radiosity, expansions (local ones before). Writes locals.
+// Tables: facets, surfels, rows, links, radiosity. Adds to locals.
 
 fn p2l(i: u32) {
     let row = rows(i);
@@ -28,10 +28,9 @@ fn p2l(i: u32) {
             #end
         }
     }
-    store_locals(row.x, 0u, expansion(row.x, 0u));
     #for b of degree 0..=ORDER
     #for i in axes
-    store_locals(row.x, $(b,i)u, expansion(row.x, $(b,i)u) + sum[$(b,i)] * (1.0 / $b!.0));
+    store_locals(row.x, $(b,i)u, load_locals(row.x, $(b,i)u) + sum[$(b,i)] * (1.0 / $b!.0));
     #end
     #end
 }

@@ -12,16 +12,7 @@ fn p2m(f: u32) {
             let surfel = reals(surfels(j * SURFEL_TEXELS));
             let normal = reals(surfels(j * SURFEL_TEXELS + 1u)).xyz;
             let flux = light(reals(radiosity(j)) * surfel.w);
-            let place = powers((surfel.xyz - facet.xyz) * inverse_scale);
-            sum[0] += flux;
-            #for k in axes
-            {
-                let charge = flux * normal[$k];
-                #for a of degree 0..=ORDER
-                sum[$(a,k)] += charge * place[$a];
-                #end
-            }
-            #end
+            add_surfel(&sum, flux, normal, (surfel.xyz - facet.xyz) * inverse_scale);
         }
     }
     store_moments(f, 0u, sum[0]);

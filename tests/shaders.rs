@@ -4,7 +4,10 @@ use std::mem::offset_of;
 
 use fmmgi_gpu::expansion::coefficients;
 use fmmgi_gpu::passes::gpu::wgsl::EXPANSION_STAGES;
-use fmmgi_gpu::passes::gpu::{Cell, Facet, Link, MAX_ORDER, SHADERS, Shader, Surfel};
+use fmmgi_gpu::passes::gpu::{
+    Cell, Facet, Link, MAX_ORDER, MixedItem, MixedPart, PointItem, PointSpan, SHADERS, Shader,
+    Surfel,
+};
 use fmmgi_gpu::visibility::{Node, Occluder, Segment};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Expression, Literal, Module, TypeInner};
@@ -144,6 +147,35 @@ fn links_are_read_as_rust_writes_them() {
     for name in ["m2l", "p2l", "m2p", "near_field"] {
         same_layout!(&module(name), Link, "Link", [source => "source", weight => "weight"]);
     }
+}
+
+#[test]
+fn points_are_read_as_rust_writes_them() {
+    for name in ["p2p", "p2p_alone"] {
+        let module = module(name);
+        same_layout!(&module, PointItem, "Item", [
+            first => "first", end => "end", first_span => "first_span", end_span => "end_span",
+        ]);
+        same_layout!(&module, PointSpan, "Span", [
+            begin => "begin", end => "end", weight => "weight", padding => "padding",
+        ]);
+    }
+}
+
+#[test]
+fn mixed_links_are_read_as_rust_writes_them() {
+    let module = module("mixed");
+    same_layout!(&module, MixedItem, "Item", [
+        facet => "facet", first => "first", end => "end", first_part => "first_part",
+        end_part => "end_part", padding => "padding",
+    ]);
+    same_layout!(&module, MixedPart, "Part", [
+        source => "source", begin => "begin", end => "end", weight => "weight",
+    ]);
+    assert_eq!(
+        constant(&module, "ITEM_TEXELS") as usize,
+        size_of::<MixedItem>() / 16
+    );
 }
 
 #[test]

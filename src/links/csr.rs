@@ -103,6 +103,11 @@ impl Rows {
             .map(|(&s, &w)| (s as usize, w))
     }
 
+    /// Whether a target has no entries.
+    pub fn is_none(&self, target: usize) -> bool {
+        self.offsets[target] == self.offsets[target + 1]
+    }
+
     pub fn len(&self) -> usize {
         self.sources.len()
     }

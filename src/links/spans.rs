@@ -33,7 +33,7 @@ impl Rows {
                 weight,
             })
             .collect();
-        spans.sort_by_key(|s| (s.begin, s.end));
+        spans.sort_unstable_by_key(|s| (s.begin, s.end));
         spans.dedup_by(|next, last| {
             let joined = next.begin == last.end && next.weight == last.weight;
             if joined {

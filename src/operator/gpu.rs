@@ -63,6 +63,8 @@ impl GpuFmm {
         stages.p2l(batch)?;
         stages.l2l(batch)?;
         stages.l2p(batch, irradiance)?;
+        stages.mixed(batch, irradiance)?;
+        stages.p2p(batch, irradiance)?;
         stages.near_field(batch, irradiance)
     }
 }

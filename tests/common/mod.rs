@@ -26,12 +26,13 @@ pub fn gpu() -> &'static Gpu {
     })
 }
 
-/// A device with lower limits than it could have.
-pub fn limited(required_limits: wgpu::Limits) -> Gpu {
+/// A device with lower limits than it could have, and with these features as far as it has them.
+pub fn limited(required_limits: wgpu::Limits, features: wgpu::Features) -> Gpu {
     let instance = wgpu::Instance::default();
     let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
     let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
         required_limits,
+        required_features: features & adapter.features(),
         ..Default::default()
     }))
     .unwrap();

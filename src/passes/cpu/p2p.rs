@@ -11,16 +11,19 @@ use crate::octree::Octree;
 const LANES: usize = 8;
 /// Receivers of one task, at most.
 const RECEIVERS: usize = 64;
-/// Sources that are summed before they are added to the rest, which keeps rounding small. In f32
-/// they take 20 KiB, so that all receivers of a task find them in the first cache.
-const SOURCES: usize = 512;
+/// Sources that are summed in a row: so many roundings at most. The sums are added up in f64.
+const SOURCES: usize = 128;
+
+/// Square of the near range, at least: without an area, too, a surfel does not light itself.
+const SMALLEST: f64 = 1e-36;
 
 /// P2P: adds what the surfels of each facet get, by the clamped point kernel, from those of the
 /// facets in its row, times the weight of the link. The kernel is computed on the fly. Pairs near
 /// each other ([`Surface::is_near`]) are left out: theirs are the stored form factors.
 ///
-/// An f32 pair takes 24 vector instructions for eight lanes, of which 15 (nine fused) compete for
-/// the two multipliers of a core: the floor is one cycle a pair.
+/// Eight f32 pairs take 30 flops each in 21 vector instructions of AVX2, 15 of which compete for the
+/// two multipliers of a core: the floor is 0.94 cycles a pair. Rows of thousands of sources come
+/// within 10% of it (3.8 Gpairs/s a core on Zen 5); a leaf's ragged last lanes cost more.
 pub fn p2p<T: Real>(
     octree: &Octree,
     surface: &Surface<T>,
@@ -32,31 +35,44 @@ pub fn p2p<T: Real>(
         return;
     }
     let sources = Sources::new(surface, radiosity);
-    let targets: Vec<usize> = (0..octree.facets.len())
-        .filter(|&t| rows.row(t).next().is_some())
-        .collect();
-    let sums: Vec<Vec<T::Vec3>> = targets
-        .par_iter()
-        .map(|&t| sources.at_all(octree.facets[t].surfels(), &rows.spans(octree, t)))
-        .collect();
-    // One by one: a facet and a part of it may both be targets.
-    for (&t, sums) in targets.iter().zip(&sums) {
-        let surfels = octree.facets[t].surfels();
-        for (h, &sum) in irradiance[surfels].iter_mut().zip(sums) {
-            *h += sum;
+    for level in 0..octree.depth() {
+        // Facets of one level have no surfels in common, and lie in the octree's order.
+        let mut tasks = Vec::new();
+        let (mut rest, mut passed) = (&mut *irradiance, 0);
+        for target in octree.level(level).filter(|&t| !rows.is_none(t)) {
+            let surfels = octree.facets[target].surfels();
+            let (_, own) = rest.split_at_mut(surfels.start - passed);
+            let (own, after) = own.split_at_mut(surfels.len());
+            (rest, passed) = (after, surfels.end);
+            let first = surfels.step_by(RECEIVERS);
+            tasks.extend(
+                first
+                    .zip(own.chunks_mut(RECEIVERS))
+                    .map(|part| (target, part)),
+            );
         }
+        tasks
+            .par_iter_mut()
+            .for_each(|(target, (first, irradiance))| {
+                sources.light(*first, irradiance, &rows.spans(octree, *target));
+            });
     }
 }
 
 /// Brute force: the irradiance of every surfel from all that are not near it, unoccluded.
 pub fn all_pairs<T: Real>(surface: &Surface<T>, radiosity: &[T::Vec3]) -> Vec<T::Vec3> {
-    let n = surface.len();
     let all = Span {
         begin: 0,
-        end: n as u32,
+        end: surface.len() as u32,
         weight: 1.0,
     };
-    Sources::new(surface, radiosity).at_all(0..n, &[all])
+    let sources = Sources::new(surface, radiosity);
+    let mut irradiance = vec![T::Vec3::default(); surface.len()];
+    irradiance
+        .par_chunks_mut(RECEIVERS)
+        .enumerate()
+        .for_each(|(k, part)| sources.light(k * RECEIVERS, part, &[all]));
+    irradiance
 }
 
 /// Surfels as sources, of which each has the charge A B / π.
@@ -83,9 +99,10 @@ impl<'a, T: Real> Sources<'a, T> {
     fn new(surface: &'a Surface<T>, radiosity: &[T::Vec3]) -> Self {
         let charge = |(&b, &area): (&T::Vec3, &T)| b * (area / T::PI);
         let near_range = T::from_f64(NEAR_SPACINGS * NEAR_SPACINGS);
+        let near = |&area: &T| (near_range * area).max(T::from_f64(SMALLEST));
         Sources {
             surface,
-            near: surface.areas.iter().map(|&a| near_range * a).collect(),
+            near: surface.areas.iter().map(near).collect(),
             charges: radiosity
                 .par_iter()
                 .zip(&surface.areas)
@@ -94,52 +111,46 @@ impl<'a, T: Real> Sources<'a, T> {
         }
     }
 
-    /// Irradiance of receivers from the surfels in `spans`.
-    fn at_all(&self, receivers: Range<usize>, spans: &[Span]) -> Vec<T::Vec3> {
-        let all: Vec<usize> = receivers.collect();
-        all.par_chunks(RECEIVERS)
-            .flat_map_iter(|receivers| self.at(receivers, spans))
-            .collect()
-    }
-
-    /// The same of the receivers of one task.
-    fn at(&self, receivers: &[usize], spans: &[Span]) -> impl Iterator<Item = T::Vec3> + use<T> {
-        let groups: Vec<Group<T>> = receivers
-            .chunks(LANES)
-            .map(|lanes| self.group(lanes))
+    /// Adds to the irradiance of the surfels from `first` on what they get from those in `spans`.
+    fn light(&self, first: usize, irradiance: &mut [T::Vec3], spans: &[Span]) {
+        let mut groups: Vec<(Group<T>, [Lanes<f64>; 3])> = (first..first + irradiance.len())
+            .step_by(LANES)
+            .map(|k| self.group(k, first + irradiance.len() - 1))
+            .map(|group| (group, Default::default()))
             .collect();
-        let mut sums = vec![[[T::ZERO; LANES]; 3]; groups.len()];
         for span in spans {
-            let weight = T::from_f32(span.weight);
-            let (begin, end) = (span.begin as usize, span.end as usize);
-            for first in (begin..end).step_by(SOURCES) {
-                let block = first..(first + SOURCES).min(end);
-                for (group, sum) in groups.iter().zip(&mut sums) {
-                    let part = self.gather(group, block.clone());
+            let weight = f64::from(span.weight);
+            let end = span.end as usize;
+            for begin in (span.begin as usize..end).step_by(SOURCES) {
+                for (group, sum) in &mut groups {
+                    let part = self.gather(group, begin..end.min(begin + SOURCES));
                     for c in 0..3 {
                         for l in 0..LANES {
-                            sum[c][l] += part[c][l] * weight;
+                            sum[c][l] += part[c][l].to_f64() * weight;
                         }
                     }
                 }
             }
         }
-        let lanes =
-            move |[r, g, b]: [Lanes<T>; 3]| (0..LANES).map(move |l| T::Vec3::new(r[l], g[l], b[l]));
-        sums.into_iter().flat_map(lanes).take(receivers.len())
+        for (irradiance, (_, [r, g, b])) in irradiance.chunks_mut(LANES).zip(&groups) {
+            for (l, h) in irradiance.iter_mut().enumerate() {
+                let [r, g, b] = [r[l], g[l], b[l]].map(T::from_f64);
+                *h += T::Vec3::new(r, g, b);
+            }
+        }
     }
 
-    fn group(&self, receivers: &[usize]) -> Group<T> {
+    /// The receivers from `first` on; after `last` it again.
+    fn group(&self, first: usize, last: usize) -> Group<T> {
         let of = |vectors: &[T::Vec3], sign: T| {
-            let lane =
-                |l: usize| (vectors[receivers[l.min(receivers.len() - 1)]] * sign).to_array();
+            let lane = |l: usize| (vectors[last.min(first + l)] * sign).to_array();
             let lanes: [[T; 3]; LANES] = std::array::from_fn(lane);
             std::array::from_fn(|c| lanes.map(|v| v[c]))
         };
         Group {
             position: of(&self.surface.positions, T::ONE),
             inward: of(&self.surface.normals, -T::ONE),
-            near: std::array::from_fn(|l| self.near[receivers[l.min(receivers.len() - 1)]]),
+            near: std::array::from_fn(|l| self.near[last.min(first + l)]),
         }
     }
 
@@ -189,7 +200,8 @@ impl<'a, T: Real> Sources<'a, T> {
                 // From the source to the receiver, with `point_kernel`'s order of operations.
                 let r = [0, 1, 2].map(|c| group.position[c][l] - y[c]);
                 let inward = [0, 1, 2].map(|c| group.inward[c][l]);
-                let square = dot(r, r, T::ZERO);
+                // As `Surface::is_near` does, not fused: on a grid many pairs are at its very range.
+                let square = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
                 let range = if near > group.near[l] {
                     near
                 } else {

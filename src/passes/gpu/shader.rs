@@ -32,6 +32,8 @@ pub struct Shader {
     pub vectors: &'static [&'static str],
     /// Shared texts that it needs.
     pub shared: &'static [&'static str],
+    /// Invocations that work on an item together, as a part of a subgroup or a whole one.
+    pub lanes: u32,
     /// The rest: constants, bindings after those, functions.
     pub text: &'static str,
     /// Order of the expansions that it calculates with.
@@ -55,16 +57,22 @@ impl Shader {
         self.order > RGB_ORDER
     }
 
+    /// Invocations an item.
+    fn invocations(&self) -> u32 {
+        self.lanes * if self.by_colour() { 3 } else { 1 }
+    }
+
     /// The whole WGSL: sizes that are declared in Rust, shared functions, tables, light, the stage.
     pub fn source(&self) -> String {
         let (order, name) = (self.order, self.name);
         let stride = coefficients(self.full_order);
-        let (invocations, call) = match self.by_colour() {
-            true => (
-                3,
-                format!("channel = i % 3u; {name}(range.first + i / 3u);"),
-            ),
-            false => (1, format!("{name}(range.first + i);")),
+        let invocations = self.invocations();
+        let call = if self.lanes > 1 {
+            format!("{name}(range.first + i, lane, lanes);")
+        } else if self.by_colour() {
+            format!("channel = i % 3u; {name}(range.first + i / 3u);")
+        } else {
+            format!("{name}(range.first + i);")
         };
         let mut source = format!(
             "const WORKGROUP = {WORKGROUP}u;\n\
@@ -73,10 +81,8 @@ impl Shader {
              const ORDER = {order}u;\n\
              const TERMS = {}u;\n\
              const STRIDE = {stride}u;\n\
-             const BEGINS = {};\n\
              {}",
             count(order),
-            self.order == self.full_order,
             include_str!("../../../shaders/shared/invocation.wgsl")
         );
         for (binding, name) in self.tables.iter().enumerate() {
@@ -145,7 +151,7 @@ impl Pipeline {
         })?;
         Ok(Pipeline {
             name: shader.name,
-            invocations: if shader.by_colour() { 3 } else { 1 },
+            invocations: shader.invocations(),
             pipeline,
         })
     }

@@ -13,8 +13,9 @@ use crate::points::Surfels;
 use super::batch::{Batch, Pieces, VECTOR, Vectors};
 use super::lists::{Layout, Lists};
 use super::shader::{MAX_ORDER, Shader};
+use super::turns::UNCUT;
 use super::wgsl::{L2L, L2P, M2L, M2M, M2P, NEAR_FIELD, P2L, P2M};
-use super::{Gpu, Pipeline, Table};
+use super::{Gpu, Mixed, P2p, Pipeline, Table};
 
 /// Two texels of the table of surfels.
 #[repr(C)]
@@ -65,6 +66,8 @@ pub struct Stages {
     m2l: Vec<Linked>,
     p2l: Option<Linked>,
     m2p: Option<Linked>,
+    mixed: Option<Mixed>,
+    p2p: Option<P2p>,
     near_field: Linked,
     /// All facets, which write expansions.
     by_facet: Pieces,
@@ -94,6 +97,13 @@ impl Stages {
             )));
         }
         let n = octree.facets.len();
+        let largest = octree.facets.iter().filter(|f| f.is_leaf());
+        let largest = largest.map(|f| f.len()).max().unwrap_or(0);
+        if largest > UNCUT {
+            return Err(Error::TooLarge(format!(
+                "{largest} surfels in a leaf: on a device they may be {UNCUT}"
+            )));
+        }
         let coefficients = coefficients(order);
         let facets: Vec<Facet> = octree.facets.iter().map(facet).collect();
         let all: Vec<Surfel> = (0..surfels.len())
@@ -124,20 +134,17 @@ impl Stages {
             )
         };
         let pipeline = |stage: &Shader| Pipeline::new(gpu, &stage.of_order(order, order));
-        // What begins the local expansions comes first.
         let none = Rows::none(n);
-        let full = links.m2l.last().unwrap_or(&none);
-        let kinds = [(full, translation(order)), (&links.sampled, 2)];
-        let stage = M2L.of_order(order, order);
-        let all_rows = Layout {
-            empty_rows: true,
-            ..Layout::new(&kinds, coefficients)
-        };
-        let mut m2l = vec![Linked::new(gpu, &stage, &all_rows)?];
-        for (lower, rows) in links.m2l.iter().enumerate().take(order) {
-            if !rows.is_empty() {
-                let kinds = [(rows, translation(lower))];
-                let stage = M2L.of_order(lower, order);
+        let mut m2l = Vec::new();
+        for (of_order, rows) in links.m2l.iter().enumerate() {
+            let sampled = if of_order == order {
+                &links.sampled
+            } else {
+                &none
+            };
+            if !rows.is_empty() || !sampled.is_empty() {
+                let kinds = [(rows, translation(of_order)), (sampled, 2)];
+                let stage = M2L.of_order(of_order, order);
                 m2l.push(Linked::new(
                     gpu,
                     &stage,
@@ -151,12 +158,17 @@ impl Stages {
             (!rows.is_empty()).then(linked).transpose()
         };
         let kinds = [(&links.p2l, mean * 2 * coefficients)];
-        let p2l = direct(&P2L, &links.p2l, &Layout::new(&kinds, coefficients))?;
+        let by_source = Layout {
+            rounds: &|_, source| 1 + octree.facets[source].len(),
+            ..Layout::new(&kinds, coefficients)
+        };
+        let p2l = direct(&P2L, &links.p2l, &by_source)?;
         let m2p = by_leaf(octree, &links.m2p);
         let kinds = [(&m2p, mean * 3 * coefficients)];
         let surfels_of = |f: u32| octree.facets[f as usize].begin..octree.facets[f as usize].end;
         let by_surfel = Layout {
             targets: &surfels_of,
+            rounds: &|target, _| 1 + octree.facets[target as usize].len(),
             ..Layout::new(&kinds, 1)
         };
         let m2p = direct(&M2P, &m2p, &by_surfel)?;
@@ -176,6 +188,12 @@ impl Stages {
             m2l,
             p2l,
             m2p,
+            mixed: (!links.mixed.is_empty())
+                .then(|| Mixed::new(gpu, octree, links))
+                .transpose()?,
+            p2p: (!links.p2p.is_empty())
+                .then(|| P2p::new(gpu, octree, &links.p2p))
+                .transpose()?,
             near_field: Linked::new(gpu, &NEAR_FIELD, &near)?,
             by_facet: Pieces::of(gpu, &[0..n as u32], coefficients, expansion)?,
             by_level: levels
@@ -188,7 +206,8 @@ impl Stages {
         })
     }
 
-    /// Takes the radiosity for [`Self::p2m`], [`Self::p2l`] and [`Self::near_field`] from a field.
+    /// Takes the radiosity, which is what [`Self::p2m`], [`Self::p2l`], [`Self::mixed`],
+    /// [`Self::p2p`] and [`Self::near_field`] work on, from a field.
     pub fn take(&self, batch: &mut Batch, radiosity: &wgpu::Buffer) {
         self.radiosity.copy_from(radiosity, batch.encoder());
     }
@@ -214,6 +233,7 @@ impl Stages {
 
     /// M2L: local expansions from the moments in the table by links of all orders and sampled ones.
     pub fn m2l(&self, batch: &mut Batch) -> Result<()> {
+        batch.encoder().clear_buffer(&self.locals, 0, None);
         for Linked { pipeline, lists } in &self.m2l {
             let tables = [&self.facets, &lists.rows, &lists.links, &self.expansions];
             let tables = tables.map(Table::binding);
@@ -233,14 +253,12 @@ impl Stages {
         batch.dispatch(pipeline, &tables, &[(irradiance, 1)], &lists.pieces)
     }
 
-    /// P2L: adds to local expansions what comes from surfels. They take the place of the moments in
-    /// the table.
+    /// P2L: adds to local expansions what comes from surfels.
     pub fn p2l(&self, batch: &mut Batch) -> Result<()> {
         let Some(Linked { pipeline, lists }) = &self.p2l else {
             return Ok(());
         };
-        self.expansions.copy_from(&self.locals, batch.encoder());
-        let links = [&lists.rows, &lists.links, &self.radiosity, &self.expansions];
+        let links = [&lists.rows, &lists.links, &self.radiosity];
         let tables = [&self.facets, &self.surfels].into_iter().chain(links);
         let tables: Vec<_> = tables.map(Table::binding).collect();
         batch.dispatch(pipeline, &tables, &[self.locals()], &lists.pieces)
@@ -264,6 +282,23 @@ impl Stages {
     pub fn l2p(&self, batch: &mut Batch, irradiance: &wgpu::Buffer) -> Result<()> {
         let tables = [&self.facets, &self.surfels, &self.expansions].map(Table::binding);
         batch.dispatch(&self.l2p, &tables, &[(irradiance, 1)], &self.by_surfel)
+    }
+
+    /// P2M, M2L and L2P of each mixed link: adds what surfels get from those that face them.
+    pub fn mixed(&self, batch: &mut Batch, irradiance: &wgpu::Buffer) -> Result<()> {
+        let (facets, surfels, radiosity) = (&self.facets, &self.surfels, &self.radiosity);
+        match &self.mixed {
+            Some(mixed) => mixed.record(batch, facets, surfels, radiosity, irradiance),
+            None => Ok(()),
+        }
+    }
+
+    /// P2P: adds what each surfel gets by the point kernel.
+    pub fn p2p(&self, batch: &mut Batch, irradiance: &wgpu::Buffer) -> Result<()> {
+        match &self.p2p {
+            Some(p2p) => p2p.record(batch, &self.surfels, &self.radiosity, irradiance),
+            None => Ok(()),
+        }
     }
 
     /// Near field: adds what each surfel gets by the near links.
@@ -319,7 +354,7 @@ fn by_leaf(octree: &Octree, links: &Rows) -> Rows {
 
 /// Work of a link: what it reads, and its sums over pairs of multi-indices, of which twenty take the
 /// time of a texel.
-fn translation(order: usize) -> usize {
+pub(super) fn translation(order: usize) -> usize {
     let pairs: usize = (1..=6).fold(1, |pairs, k| pairs * (order + k) / k);
     coefficients(order) + 2 + 9 * pairs / 20
 }

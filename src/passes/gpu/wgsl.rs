@@ -12,8 +12,16 @@ const COEFFICIENTS: &str = include_str!("../../../shaders/shared/coefficients.wg
 pub(super) const KERNEL: &str = include_str!("../../../shaders/shared/kernel.wgsl");
 /// The same for a surfel.
 const SURFEL_KERNEL: &str = include_str!("../../../shaders/shared/surfel_kernel.wgsl");
+/// P2M of a surfel.
+const SURFEL_MOMENTS: &str = include_str!("../../../shaders/shared/surfel_moments.wgsl");
+/// M2L of a link.
+const FIELD: &str = include_str!("../../../shaders/shared/field.wgsl");
+/// L2P of a surfel.
+const SURFEL_FIELD: &str = include_str!("../../../shaders/shared/surfel_field.wgsl");
 /// Reading a table of links.
 const LINK: &str = include_str!("../../../shaders/shared/link.wgsl");
+/// The entry point: a subgroup for each of a part of the items.
+const SUBGROUP: &str = include_str!("../../../shaders/shared/subgroup.wgsl");
 
 macro_rules! stage {
     ($name:literal, [$($table:literal),*], [$($vectors:literal),*], [$($shared:expr),*]) => {
@@ -22,6 +30,7 @@ macro_rules! stage {
             tables: &[$($table),*],
             vectors: &[$($vectors),*],
             shared: &[$($shared),*],
+            lanes: 1,
             text: include_str!(concat!("../../../shaders/", $name, ".wgsl")),
             order: 0,
             full_order: 0,
@@ -35,7 +44,7 @@ pub const P2M: Shader = stage!(
     "p2m",
     ["facets", "surfels", "radiosity"],
     ["moments"],
-    [RANGE, EXPANSION]
+    [RANGE, EXPANSION, SURFEL_MOMENTS]
 );
 pub const M2M: Shader = stage!(
     "m2m",
@@ -47,20 +56,13 @@ pub const M2L: Shader = stage!(
     "m2l",
     ["facets", "rows", "links", "expansions"],
     ["locals"],
-    [RANGE, EXPANSION, COEFFICIENTS, KERNEL, LINK]
+    [RANGE, EXPANSION, COEFFICIENTS, KERNEL, FIELD, LINK]
 );
 pub const P2L: Shader = stage!(
     "p2l",
-    [
-        "facets",
-        "surfels",
-        "rows",
-        "links",
-        "radiosity",
-        "expansions"
-    ],
+    ["facets", "surfels", "rows", "links", "radiosity"],
     ["locals"],
-    [RANGE, EXPANSION, COEFFICIENTS, KERNEL, SURFEL_KERNEL, LINK]
+    [RANGE, EXPANSION, KERNEL, SURFEL_KERNEL, LINK]
 );
 pub const M2P: Shader = stage!(
     "m2p",
@@ -78,13 +80,41 @@ pub const L2P: Shader = stage!(
     "l2p",
     ["facets", "surfels", "expansions"],
     ["irradiance"],
-    [RANGE, EXPANSION, COEFFICIENTS]
+    [RANGE, EXPANSION, COEFFICIENTS, SURFEL_FIELD]
+);
+pub const MIXED: Shader = stage!(
+    "mixed",
+    ["facets", "surfels", "items", "parts", "radiosity"],
+    ["irradiance"],
+    [
+        RANGE,
+        EXPANSION,
+        SURFEL_MOMENTS,
+        KERNEL,
+        FIELD,
+        SURFEL_FIELD
+    ]
 );
 pub const NEAR_FIELD: Shader = stage!(
     "near_field",
     ["rows", "links", "radiosity"],
     ["irradiance"],
     [RANGE, LINK]
+);
+pub const P2P: Shader = Shader {
+    lanes: 8,
+    ..stage!(
+        "p2p",
+        ["items", "spans", "surfels", "radiosity"],
+        ["irradiance"],
+        [SUBGROUP]
+    )
+};
+pub const P2P_ALONE: Shader = stage!(
+    "p2p_alone",
+    ["items", "spans", "surfels", "radiosity"],
+    ["irradiance"],
+    [RANGE, P2P.text]
 );
 pub const FORM_FACTOR: Shader = stage!("form_factor", ["cells"], [], [RANGE]);
 pub const AXPY: Shader = stage!("axpy", [], [], [RANGE]);
@@ -105,7 +135,10 @@ pub const SHADERS: &[&Shader] = &[
     &M2P,
     &L2L,
     &L2P,
+    &MIXED,
     &NEAR_FIELD,
+    &P2P,
+    &P2P_ALONE,
     &FORM_FACTOR,
     &AXPY,
     &SCALE,
