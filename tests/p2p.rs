@@ -15,7 +15,7 @@ use fmmgi_gpu::octree::Octree;
 use fmmgi_gpu::operator::{AllPairs, Fields, TransportOperator};
 use fmmgi_gpu::passes::cpu;
 use fmmgi_gpu::passes::gpu::{Batches, Gpu, Stages};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Quat, Vec3};
 use rand::RngExt;
 use wgpu::Features;
 
@@ -147,14 +147,16 @@ impl Case {
     }
 }
 
-/// Two plates face to face, at the very range of what is near: rounding decides.
+/// Two plates face to face, at the very range of what is near: rounding decides, which devices may do
+/// in their own way.
 fn grids() -> Surfels {
     let side = 0.1;
+    let turn = Quat::from_axis_angle(Vec3::new(0.36, 0.48, 0.8), 0.7);
     let places: Vec<_> = (0..800)
         .map(|k| {
             let sign = [1.0, -1.0][k % 2];
             let place = Vec3::new((k / 40) as f32, (k / 2 % 20) as f32, -sign);
-            (side * place, sign * Vec3::Z)
+            (turn * (side * place), turn * (sign * Vec3::Z))
         })
         .collect();
     let mut surfels = polygons(&places, 4, side * FRAC_1_SQRT_2);
@@ -179,7 +181,6 @@ fn cases() -> Vec<(&'static str, Case)> {
             Case::tangled(&clutter(150, 0.05, 4), 1, 4),
         ),
         ("twice", Case::tangled(&twice, 8, 5)),
-        ("grids", Case::whole(&grids())),
         ("one", Case::whole(&clutter(1, 0.1, 6))),
         ("whole", Case::whole(&clutter(1001, 0.1, 7))),
     ]
@@ -200,7 +201,8 @@ fn difference(a: &[DVec3], b: &[DVec3]) -> f64 {
 
 #[test]
 fn sums_are_those_of_the_kernel_over_pairs() {
-    for (name, case) in cases() {
+    let grids = ("grids", Case::whole(&grids()));
+    for (name, case) in cases().into_iter().chain([grids]) {
         let (radiosity, before) = (case.colours(1), case.colours(2));
         let expected = case.expected::<f64>(&radiosity, &before);
         let double = difference(&case.cpu::<f64>(&radiosity, &before), &expected);

@@ -8,7 +8,7 @@ use crate::passes::cpu::all_pairs;
 use crate::points::Surfels;
 
 /// All pairs by the point kernel, in the instructions of P2P: nothing stands in the way, and pairs
-/// close to each other take no exact form factor. For exact values see [`Direct`](super::Direct).
+/// near each other are left out. For exact values see [`Direct`](super::Direct).
 pub struct AllPairs<T: Real> {
     surface: Surface<T>,
     fields: HostFields<T>,

@@ -21,9 +21,10 @@ const SMALLEST: f64 = 1e-36;
 /// facets in its row, times the weight of the link. The kernel is computed on the fly. Pairs near
 /// each other ([`Surface::is_near`]) are left out: theirs are the stored form factors.
 ///
-/// Eight f32 pairs take 30 flops each in 21 vector instructions of AVX2, 15 of which compete for the
-/// two multipliers of a core: the floor is 0.94 cycles a pair. Rows of thousands of sources come
-/// within 10% of it (3.8 Gpairs/s a core on Zen 5); a leaf's ragged last lanes cost more.
+/// Eight f32 pairs take 30 flops each in 26 vector instructions of AVX2, three of them for the near
+/// range; 15 compete for the two multipliers of a core: the floor is 0.94 cycles a pair. Rows of
+/// thousands of sources take 1.2 (3.5 Gpairs/s a core on Zen 5 at 4.1 GHz); a leaf's ragged last
+/// lanes cost more.
 pub fn p2p<T: Real>(
     octree: &Octree,
     surface: &Surface<T>,
