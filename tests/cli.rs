@@ -115,6 +115,7 @@ fn wrong_usage_is_told_before_any_work() {
         ("--threads 0", "0 is not in 1..=1024"),
         ("--points 0", "invalid value '0'"),
         ("--max-bounces -1", "unexpected argument"),
+        ("--order 13", "13 is not in 0..=12"),
         ("--method magic", "invalid value 'magic'"),
         ("--backend abacus", "invalid value 'abacus'"),
         ("--backend cpu --adapter 0", "give only one"),
@@ -428,6 +429,23 @@ fn ctrl_c_ends_cleanly() {
     );
     let files = fs::read_dir(&folder).unwrap().count();
     assert_eq!(files, 1, "only the scan is there");
+}
+
+#[test]
+fn every_order_solves() {
+    let folder = folder();
+    for order in [0, 1, 6, 8, 12] {
+        for visibility in ["surfels", "none"] {
+            let args = format!(
+                "solve scan.ply --method fmm --backend cpu --sky 1,1,1 --order {order} \
+                 --visibility {visibility} --stats stats.json"
+            );
+            run(folder.path(), &args).success();
+            let stats = fs::read_to_string(folder.path().join("stats.json")).unwrap();
+            let stats: serde_json::Value = serde_json::from_str(&stats).unwrap();
+            assert_eq!(stats["order"], order, "{args}");
+        }
+    }
 }
 
 #[test]

@@ -51,8 +51,8 @@ pub struct Args {
     #[arg(long, value_name = "T", value_parser = values::tolerance, allow_hyphen_values = true)]
     tolerance: Option<f64>,
     /// Largest order of the expansions, up to 12, on a GPU to 6 [default: what the tolerance needs]
-    #[arg(long, value_name = "P")]
-    order: Option<usize>,
+    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(0..=12))]
+    order: Option<u8>,
     /// What stands in the way of light
     #[arg(long, value_enum, default_value = "surfels")]
     visibility: VisibilityArg,
@@ -182,7 +182,7 @@ impl Args {
                 VisibilityArg::None => Occlusion::None,
             },
             tolerance: self.tolerance,
-            order: self.order,
+            order: self.order.map(usize::from),
             max_bounces: self.max_bounces,
             seed: self.seed,
         }
