@@ -20,7 +20,7 @@ struct Span {
 
 const INVERSE_PI = 0.31830988618;
 // Near range, squared, of a surfel of area 1 (`Surface::is_near`).
-const NEAR = 2.02 * 2.02;
+const NEAR: f32 = 2.02 * 2.02;
 // The same of any surfel, at least: none lights itself.
 const SMALLEST = 1e-36;
 // Receivers of an invocation, one a component.

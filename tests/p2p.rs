@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 
 use common::{clutter, gpu, polygons, random, room, sphere};
 use fmmgi_gpu::Surfels;
-use fmmgi_gpu::expansion::Surface;
+use fmmgi_gpu::expansion::{NEAR_SPACINGS, Surface};
 use fmmgi_gpu::links::{Entry, Links, Rows, Span};
 use fmmgi_gpu::math::{Real, Vector};
 use fmmgi_gpu::octree::Octree;
@@ -155,7 +155,11 @@ fn grids() -> Surfels {
     let places: Vec<_> = (0..800)
         .map(|k| {
             let sign = [1.0, -1.0][k % 2];
-            let place = Vec3::new((k / 40) as f32, (k / 2 % 20) as f32, -sign);
+            let place = Vec3::new(
+                (k / 40) as f32,
+                (k / 2 % 20) as f32,
+                -sign * 0.5 * NEAR_SPACINGS as f32,
+            );
             (turn * (side * place), turn * (sign * Vec3::Z))
         })
         .collect();

@@ -2,7 +2,7 @@
 
 use std::mem::offset_of;
 
-use fmmgi_gpu::expansion::coefficients;
+use fmmgi_gpu::expansion::{NEAR_SPACINGS, coefficients};
 use fmmgi_gpu::passes::gpu::wgsl::EXPANSION_STAGES;
 use fmmgi_gpu::passes::gpu::{
     Cell, Facet, Link, MAX_ORDER, MixedItem, MixedPart, PointItem, PointSpan, SHADERS, Shader,
@@ -49,13 +49,20 @@ macro_rules! same_layout {
 }
 
 fn constant(module: &Module, name: &str) -> u32 {
+    match literal(module, name) {
+        Literal::U32(value) => value,
+        other => panic!("{name}: {other:?}"),
+    }
+}
+
+fn literal(module: &Module, name: &str) -> Literal {
     let (_, constant) = module
         .constants
         .iter()
         .find(|(_, c)| c.name.as_deref() == Some(name))
         .unwrap_or_else(|| panic!("no constant {name}"));
     match module.global_expressions[constant.init] {
-        Expression::Literal(Literal::U32(value)) => value,
+        Expression::Literal(value) => value,
         ref other => panic!("{name}: {other:?}"),
     }
 }
@@ -159,6 +166,8 @@ fn points_are_read_as_rust_writes_them() {
         same_layout!(&module, PointSpan, "Span", [
             begin => "begin", end => "end", weight => "weight", padding => "padding",
         ]);
+        let near = (NEAR_SPACINGS * NEAR_SPACINGS) as f32;
+        assert_eq!(literal(&module, "NEAR"), Literal::F32(near));
     }
 }
 
