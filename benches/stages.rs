@@ -262,6 +262,7 @@ fn passes(criterion: &mut Criterion, case: &Case, gpu: Option<&Gpu>, order: usiz
                 rows,
                 surface,
                 radiosity,
+                &moments,
                 &mut irradiance,
             )
         },

@@ -335,6 +335,7 @@ fn compare_stages(case: &Case) {
         &links.mixed,
         &surface,
         &radiosity,
+        &moments,
         &mut expected,
     );
     let found = run(&irradiance, |batch| stages.mixed(batch, &irradiance));

@@ -51,6 +51,7 @@ impl<T: Real> TransportOperator for Fmm<'_, T> {
             &links.mixed,
             surface,
             radiosity,
+            &moments,
             &mut irradiance,
         );
         p2p(octree, surface, &links.p2p, radiosity, &mut irradiance);
