@@ -50,7 +50,8 @@ pub struct Args {
     /// Relative error to aim at, 1e-6 to 0.5 [default: the scene's, or 0.03]
     #[arg(long, value_name = "T", value_parser = values::tolerance, allow_hyphen_values = true)]
     tolerance: Option<f64>,
-    /// Largest order of the expansions, up to 12, on a GPU to 6 [default: what the tolerance needs]
+    /// Largest order of the expansions, up to 12, on a GPU to 6 [default: 1, without occlusion 2 to 6
+    /// as the tolerance needs]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(0..=12))]
     order: Option<u8>,
     /// What stands in the way of light

@@ -55,7 +55,7 @@ pub struct Options {
     pub occlusion: Occlusion,
     /// Relative error asked for; `None` takes the scene's, or 0.03.
     pub tolerance: Option<f64>,
-    /// Largest order of the expansions; `None` takes what the tolerance needs.
+    /// Largest order of the expansions; `None` takes 1, without occlusion what the tolerance needs.
     pub order: Option<usize>,
     /// Bounces to follow; `None` goes on until the solution stands.
     pub max_bounces: Option<u32>,
