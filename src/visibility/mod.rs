@@ -2,6 +2,7 @@
 
 mod bvh;
 mod counted;
+mod pairs;
 mod segment;
 
 use std::marker::PhantomData;
@@ -13,6 +14,7 @@ use crate::math::Real;
 
 pub use bvh::{Node, Occluder, Occluders};
 pub use counted::Counted;
+pub use pairs::{BySegment, PointVisibility, face};
 pub use segment::{blocked, meets_cell};
 
 /// Stands for "no surfel" in [`Segment`]'s skip fields.
