@@ -10,6 +10,7 @@ pub(crate) enum Purpose {
     MeasureLinks,
     Sky,
     Emitters,
+    Checks,
 }
 
 /// The stream of one item: a surfel, or a pair of facets in one number.

@@ -6,6 +6,7 @@ mod common;
 
 use cases::*;
 use common::{gpu, room};
+use fmmgi_gpu::illuminate::checks::Checks;
 use fmmgi_gpu::operator::{Fields, Fmm, GpuFields, GpuFmm, HostFields, TransportOperator};
 use fmmgi_gpu::passes::gpu::{Gpu, adapter};
 use fmmgi_gpu::progress::Silent;
@@ -121,6 +122,12 @@ fn calculate<F: Fields>(
     let dots = [(&x, &y), (&x, &x), (&y, &y), (&sum, &scaled)]
         .map(|(a, b)| fields.dot(a, b).unwrap())
         .to_vec();
+    // More together than one batch takes.
+    let all: Vec<_> = [&sum, &y, &x].into_iter().cycle().take(100).collect();
+    let together = fields.dots(&all, &scaled).unwrap();
+    for (a, dot) in all.into_iter().zip(together) {
+        assert_eq!(fields.dot(a, &scaled).unwrap(), dot);
+    }
     // The operands of copies are as they were.
     let all = [&x, &y, &sum, &scaled, &product].map(|f| fields.download(f).unwrap());
     (all.to_vec(), dots)
@@ -149,14 +156,21 @@ fn a_map_is_that_of_the_cpu() {
         queue: &gpu().queue,
         adapter: "test",
     };
-    let [found, expected] = [on_device, Backend::Cpu].map(|backend| {
-        let result = illuminate(&scene, &options, backend, &Silent).unwrap();
-        let map = result.map.irradiance.iter();
+    let lit = [on_device, Backend::Cpu]
+        .map(|backend| illuminate(&scene, &options, backend, &Silent).unwrap());
+    let [found, expected] = lit.each_ref().map(|lit| {
+        let map = lit.map.irradiance.iter();
         map.map(|h| h.as_dvec3()).collect::<Vec<_>>()
     });
     let off = relative_l2(&found, &expected);
     println!("map: {off:e}");
     assert!(off < 1e-4, "{off}");
+    // And so is what the checks find.
+    let [found, expected] = lit.map(|lit| lit.stats.checks.unwrap());
+    let apart = |of: fn(&Checks) -> f64| (of(&found) - of(&expected)).abs();
+    assert!(apart(|c| c.row_sum_and_sky.unwrap().mean) < 1e-3);
+    assert!(apart(|c| c.energy.unwrap()) < 1e-3);
+    assert!(apart(|c| c.reciprocity) < 1e-4);
 }
 
 /// A renderer has a device of its own, radiosity in a buffer of its own (whatever the fourth word

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::ValueEnum;
+use fmmgi_gpu::illuminate::checks::Checks;
 use fmmgi_gpu::output::{write_atomic, write_ply, write_stats};
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
 use fmmgi_gpu::visibility::{CpuVisibility, Occluders};
@@ -232,6 +233,24 @@ fn warn_of_darkness(scene: &Scene, progress: &dyn Progress) {
     }
 }
 
+/// The physical checks in a line.
+fn told(checks: &Checks) -> String {
+    let mut parts = Vec::new();
+    if let Some(sum) = checks.row_sum_and_sky {
+        parts.push(format!(
+            "row sum and sky {:.4}, at worst {:.3}",
+            sum.mean, sum.worst
+        ));
+    }
+    if let Some(energy) = checks.energy {
+        parts.push(format!("energy {:+.2}%", 100.0 * energy));
+    }
+    parts.push(format!("reciprocity {:.1e}", checks.reciprocity));
+    parts.push(format!("excess {:.1e}", checks.excess));
+    parts.push(format!("least {:.1e}", checks.least));
+    parts.join(", ")
+}
+
 /// What a person wants to know after a solve.
 fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
     let seconds = &stats.seconds;
@@ -251,7 +270,7 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
         format!("backend     {backend}"),
         format!(
             "time        {:.2} s (load {:.2}, prepare {:.2}, octree {:.2}, links {:.2}, \
-             visibility {:.2}, solve {:.2}, write {:.2})",
+             visibility {:.2}, solve {:.2}, checks {:.2}, write {:.2})",
             seconds.total,
             seconds.load,
             seconds.prepare,
@@ -259,6 +278,7 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
             seconds.links,
             seconds.visibility,
             seconds.solve,
+            seconds.checks,
             seconds.write
         ),
         format!(
@@ -277,6 +297,9 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
             "row sum     {:.4} at most, {:.4} on average (1 in a closed room)",
             sum.max, sum.mean
         ));
+    }
+    if let Some(checks) = &stats.checks {
+        lines.push(format!("checks      {}", told(checks)));
     }
     if let Some(bytes) = stats.peak_memory_bytes {
         lines.push(format!("memory      {} MB at most", bytes / 1_000_000));

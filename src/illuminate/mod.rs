@@ -1,5 +1,6 @@
 //! The main job: scene in, illumination map and what it took out.
 
+pub mod checks;
 pub mod stats;
 mod task;
 mod work;
@@ -141,10 +142,12 @@ pub fn illuminate(
         (_, Backend::Cpu) => task.fmm(&mut repairs, &|links, work| {
             work.solve(&Fmm::<f32>::new(&surfels, &octree, links), progress)
         })?,
-        (_, Backend::Gpu { device, queue, .. }) => task.fmm(&mut repairs, &|links, work| {
+        (_, Backend::Gpu { device, queue, .. }) => {
             let gpu = Gpu::new(device, queue);
-            work.solve(&GpuFmm::new(&gpu, &surfels, &octree, links)?, progress)
-        })?,
+            task.fmm(&mut repairs, &|links, work| {
+                work.solve(&GpuFmm::new(&gpu, &surfels, &octree, links)?, progress)
+            })?
+        }
     };
     let rest = clock.lap();
     let map = IlluminationMap::new(&scene.cloud, &prepared, &surfels, &solved.irradiance);
@@ -170,13 +173,16 @@ pub fn illuminate(
                 octree: octree_seconds,
                 visibility: visibility.seconds(),
                 solve: solved.seconds,
-                links: (rest - visibility.seconds() - solved.seconds).max(0.0),
+                checks: solved.check_seconds,
+                links: (rest - visibility.seconds() - solved.seconds - solved.check_seconds)
+                    .max(0.0),
                 ..Seconds::default()
             },
             links: solved.links,
             segments: visibility.segments(),
             peak_memory_bytes: None,
             row_sum: solved.row_sum,
+            checks: solved.checks,
             repairs,
         },
         surfels,

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::Method;
+use super::checks::Checks;
 
 /// Seconds spent, by stage.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -21,6 +22,8 @@ pub struct Seconds {
     pub visibility: f64,
     /// Applying the operator until convergence.
     pub solve: f64,
+    /// Checking the operator.
+    pub checks: f64,
     /// Writing the files.
     pub write: f64,
     /// From start to end.
@@ -69,6 +72,8 @@ pub struct Stats {
     pub peak_memory_bytes: Option<u64>,
     /// The part of its surroundings that a surfel sees: 1 in a closed room.
     pub row_sum: Option<RowSum>,
+    /// What physics asks of the operator: how far it is off.
+    pub checks: Option<Checks>,
     /// What was repaired or left out, in words with counts.
     pub repairs: Vec<String>,
 }

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
+use super::checks::Checks;
 use super::stats::RowSum;
 use super::work::{Bounced, Work};
 use crate::error::Result;
@@ -49,9 +50,11 @@ pub(super) struct Solved {
     pub irradiance: Vec<DVec3>,
     pub ended: Ended,
     pub row_sum: Option<RowSum>,
+    pub checks: Option<Checks>,
     pub links: BTreeMap<String, u64>,
-    /// Seconds of the solver.
+    /// Seconds of the solver, and of the checks after it.
     pub seconds: f64,
+    pub check_seconds: f64,
 }
 
 impl Task<'_> {
@@ -70,8 +73,10 @@ impl Task<'_> {
         Ok(Solved {
             irradiance: bounced.irradiance,
             ended: bounced.ended,
-            row_sum: Some(bounced.row_sum),
-            seconds: start.elapsed().as_secs_f64(),
+            row_sum: bounced.row_sum,
+            checks: bounced.checks,
+            seconds: start.elapsed().as_secs_f64() - bounced.check_seconds,
+            check_seconds: bounced.check_seconds,
             ..Solved::default()
         })
     }
@@ -117,31 +122,40 @@ impl Task<'_> {
             bounces: None,
         };
         let mut seconds = 0.0;
-        let mut run = |accuracy: &Accuracy, start: Option<&[DVec3]>, stop: Stop| {
+        let mut run = |accuracy: &Accuracy, work: &Work| {
             let links = self.links(accuracy)?;
             let clock = Instant::now();
-            let bounced = solve(&links, &self.work(&lights, start, stop))?;
-            seconds += clock.elapsed().as_secs_f64();
+            let bounced = solve(&links, work)?;
+            seconds += clock.elapsed().as_secs_f64() - bounced.check_seconds;
             Ok((links, bounced))
         };
         let rough = self.accuracy(&guess, None, ROUGH_ERROR);
-        let (_, rough) = run(&rough, None, rough_stop)?;
+        let rough_work = Work {
+            checked: None,
+            ..self.work(&lights, None, rough_stop)
+        };
+        let (_, rough) = run(&rough, &rough_work)?;
+        let reflected: Vec<DVec3> = (rough.irradiance.iter().zip(reflectance()))
+            .map(|(h, r)| r * *h)
+            .collect();
         let allowed = match self.visibility.is_open() {
             true => self.tolerance,
             false => ERROR_A_LINK * self.tolerance,
         };
-        let fine = self.accuracy(&rough.reflected, Some(&rough.irradiance), allowed);
-        let (links, fine) = run(&fine, Some(&rough.reflected), self.stop())?;
+        let fine = self.accuracy(&reflected, Some(&rough.irradiance), allowed);
+        let (links, fine) = run(&fine, &self.work(&lights, Some(&reflected), self.stop()))?;
         Ok(Solved {
             irradiance: fine.irradiance,
             ended: fine.ended,
-            row_sum: Some(fine.row_sum),
+            row_sum: fine.row_sum,
+            checks: fine.checks,
             links: links
                 .counts()
                 .map(|(kind, n)| (kind.to_owned(), n))
                 .into_iter()
                 .collect(),
             seconds,
+            check_seconds: fine.check_seconds,
         })
     }
 
@@ -209,6 +223,7 @@ impl Task<'_> {
             lights,
             start,
             stop,
+            checked: Some((self.visibility.inner(), self.seed)),
         }
     }
 
