@@ -51,7 +51,8 @@
 //!    those of a [dual traversal](links::dual()), are there to compare with.
 //! 6. [`operator`] applies the links: radiosity in, irradiance out. Its stages are in [`passes`],
 //!    under one name in Rust and in WGSL.
-//! 7. [`mod@solve`] finds the radiosity that the operator and the reflectance keep as it is.
+//! 7. [`mod@solve`] finds the radiosity that the operator and the reflectance keep as it is;
+//!    [`illuminate::checks`] says how far the operator is from what physics asks of it.
 //! 8. [`map`] hands the light of the surfels to the points of the cloud; [`output`] writes it to
 //!    files, [`render`] takes a picture, [`mod@compare`] says how far two maps are apart.
 //!

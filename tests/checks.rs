@@ -59,7 +59,8 @@ fn checked(
         irradiance: &operator.apply(&radiosity).unwrap(),
         radiosity: &radiosity,
     };
-    check(&operator, surfels, &last, visibility, 1, &Silent).unwrap()
+    let found = check(&operator, surfels, &last, visibility, 1, &Silent).unwrap();
+    (found.row_sum, found.checks)
 }
 
 fn none(_: &[DVec3], _: &mut [DVec3]) {}
@@ -87,11 +88,13 @@ fn a_good_operator_has_little_to_find() {
         with(&cloud, |operator, surfels, visibility| {
             let (row_sum, checks) = checked(operator, surfels, visibility, none);
             println!("{name}: {row_sum:?} {checks:?}");
+            // Measured: 0.9939 to 1.0016; 0.935 beside the opening, of a hundred directions.
             let both = checks.row_sum_and_sky.unwrap();
             assert!((both.mean - 1.0).abs() < 0.01, "{name}: {both:?}");
-            assert!((both.worst - 1.0).abs() < 0.25, "{name}: {both:?}");
+            assert!((both.worst - 1.0).abs() < 0.1, "{name}: {both:?}");
             assert!(checks.least >= 0.0, "{name}: {checks:?}");
-            assert!(checks.reciprocity < 2e-3, "{name}: {checks:?}");
+            // Up to 0.0017 and 0.006: the form factors of near cells, and the few points.
+            assert!(checks.reciprocity < 4e-3, "{name}: {checks:?}");
             assert!(checks.energy.unwrap().abs() < 0.01, "{name}: {checks:?}");
             // Its own rows, in f32.
             assert!(checks.excess < 1e-5, "{name}: {checks:?}");
@@ -127,7 +130,7 @@ fn each_fault_shows_in_its_check() {
             assert!(bright.energy.unwrap() > 0.09);
             // One half gets twice what it should, and does not give it back.
             let (_, one_way) = of(|_, h| h[..500].iter_mut().for_each(|h| *h *= 2.0));
-            assert!(one_way.reciprocity > 20.0 * good.reciprocity, "{one_way:?}");
+            assert!(one_way.reciprocity > 0.02 && good.reciprocity < 1e-4);
             // A few surfels get no light: the mean hardly tells.
             let (_, blind) = of(|_, h| h[..12].fill(DVec3::ZERO));
             let worst = blind.row_sum_and_sky.unwrap().worst;
@@ -171,6 +174,7 @@ fn the_stats_tell_of_the_checks() {
         let lit = illuminated(scene, points, method);
         let checks = lit.stats.checks.unwrap();
         println!("{scene} {method:?}: {:?} {checks:?}", lit.stats.row_sum);
+        // Measured: up to 0.0043, 0.0042, 0.002, 0.029.
         let both = checks.row_sum_and_sky.unwrap();
         assert!((both.mean - 1.0).abs() < 0.02, "{scene}: {checks:?}");
         assert!(checks.energy.unwrap().abs() < 0.02, "{scene}: {checks:?}");

@@ -1,5 +1,5 @@
 //! What must not matter: the order of the points, where the scan lies, how it is turned, its unit,
-//! and running the program twice.
+//! that of light, and running the program twice.
 
 use std::path::Path;
 
@@ -146,6 +146,27 @@ fn a_stray_far_away_changes_nothing() {
         let difference = compare(&with[..without.len()], &without).unwrap().rel_l2;
         println!("{method:?}: stray: {difference:.1e}");
         assert!(difference < bound);
+    }
+}
+
+/// Light of a candle or of the sun, in any unit. By powers of two not even rounding changes: what is
+/// measured is 0, while squares of these lights leave the range of f32.
+#[test]
+fn the_unit_of_light_does_not_matter() {
+    let scene = scene(3000);
+    let expected = irradiance(&scene, Method::Fmm);
+    for unit in [-80, 40].map(|power| 2f32.powi(power)) {
+        let mut lit = scene.clone();
+        lit.lights.iter_mut().for_each(|l| l.intensity *= unit);
+        lit.cloud.emission.iter_mut().for_each(|e| *e *= unit);
+        lit.sky *= unit;
+        let found: Vec<Vec3> = irradiance(&lit, Method::Fmm)
+            .iter()
+            .map(|h| *h / unit)
+            .collect();
+        let difference = compare(&found, &expected).unwrap().rel_l2;
+        println!("light in units of {unit:e}: {difference:.1e}");
+        assert!(difference < 1e-6, "{unit:e}: {difference:e}");
     }
 }
 

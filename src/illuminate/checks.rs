@@ -1,5 +1,7 @@
 //! What physics asks of a transport operator, whichever it is, and how far it is off.
 
+use std::time::Instant;
+
 use glam::DVec3;
 use rand::RngExt;
 use rayon::prelude::*;
@@ -33,6 +35,15 @@ pub struct Checks {
     /// What surfels reflect arrives at others or escapes: the power of both together, relative to
     /// that reflected, less 1. Negative where light is lost. `None` without occlusion.
     pub energy: Option<f64>,
+}
+
+/// What [`check`] found.
+#[derive(Clone, Copy, Debug)]
+pub struct Checked {
+    pub row_sum: RowSum,
+    pub checks: Checks,
+    /// Seconds that it took.
+    pub seconds: f64,
 }
 
 /// A quantity of some surfels.
@@ -78,7 +89,8 @@ pub fn check<O: TransportOperator>(
     visibility: &dyn Visibility,
     seed: u64,
     progress: &dyn Progress,
-) -> Result<(RowSum, Checks)> {
+) -> Result<Checked> {
+    let start = Instant::now();
     progress.stage("checks", 1);
     let n = surfels.len();
     let mut random = stream(seed, Purpose::Checks, 0);
@@ -129,7 +141,11 @@ pub fn check<O: TransportOperator>(
         energy,
     };
     progress.advance(1);
-    Ok((row_sum, checks))
+    Ok(Checked {
+        row_sum,
+        checks,
+        seconds: start.elapsed().as_secs_f64(),
+    })
 }
 
 fn spread(values: impl Iterator<Item = f64>) -> Spread {

@@ -149,6 +149,7 @@ pub fn illuminate(
             })?
         }
     };
+    let checks = solved.checked.map_or(0.0, |c| c.seconds);
     let rest = clock.lap();
     let map = IlluminationMap::new(&scene.cloud, &prepared, &surfels, &solved.irradiance);
     let (name, adapter) = match backend {
@@ -172,17 +173,16 @@ pub fn illuminate(
                 prepare,
                 octree: octree_seconds,
                 visibility: visibility.seconds(),
-                solve: solved.seconds,
-                checks: solved.check_seconds,
-                links: (rest - visibility.seconds() - solved.seconds - solved.check_seconds)
-                    .max(0.0),
+                solve: solved.seconds - checks,
+                checks,
+                links: (rest - visibility.seconds() - solved.seconds).max(0.0),
                 ..Seconds::default()
             },
             links: solved.links,
             segments: visibility.segments(),
             peak_memory_bytes: None,
-            row_sum: solved.row_sum,
-            checks: solved.checks,
+            row_sum: solved.checked.map(|c| c.row_sum),
+            checks: solved.checked.map(|c| c.checks),
             repairs,
         },
         surfels,

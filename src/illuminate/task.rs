@@ -5,8 +5,7 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
-use super::checks::Checks;
-use super::stats::RowSum;
+use super::checks::Checked;
 use super::work::{Bounced, Work};
 use crate::error::Result;
 use crate::lights;
@@ -49,12 +48,10 @@ pub(super) struct Task<'a> {
 pub(super) struct Solved {
     pub irradiance: Vec<DVec3>,
     pub ended: Ended,
-    pub row_sum: Option<RowSum>,
-    pub checks: Option<Checks>,
+    pub checked: Option<Checked>,
     pub links: BTreeMap<String, u64>,
-    /// Seconds of the solver, and of the checks after it.
+    /// Seconds of the solver, with those of the checks.
     pub seconds: f64,
-    pub check_seconds: f64,
 }
 
 impl Task<'_> {
@@ -73,10 +70,8 @@ impl Task<'_> {
         Ok(Solved {
             irradiance: bounced.irradiance,
             ended: bounced.ended,
-            row_sum: bounced.row_sum,
-            checks: bounced.checks,
-            seconds: start.elapsed().as_secs_f64() - bounced.check_seconds,
-            check_seconds: bounced.check_seconds,
+            checked: bounced.checked,
+            seconds: start.elapsed().as_secs_f64(),
             ..Solved::default()
         })
     }
@@ -126,36 +121,33 @@ impl Task<'_> {
             let links = self.links(accuracy)?;
             let clock = Instant::now();
             let bounced = solve(&links, work)?;
-            seconds += clock.elapsed().as_secs_f64() - bounced.check_seconds;
+            seconds += clock.elapsed().as_secs_f64();
             Ok((links, bounced))
         };
         let rough = self.accuracy(&guess, None, ROUGH_ERROR);
-        let rough_work = Work {
+        let work = self.work(&lights, None, rough_stop);
+        let unchecked = Work {
             checked: None,
-            ..self.work(&lights, None, rough_stop)
+            ..work
         };
-        let (_, rough) = run(&rough, &rough_work)?;
-        let reflected: Vec<DVec3> = (rough.irradiance.iter().zip(reflectance()))
-            .map(|(h, r)| r * *h)
-            .collect();
+        let (_, rough) = run(&rough, &unchecked)?;
         let allowed = match self.visibility.is_open() {
             true => self.tolerance,
             false => ERROR_A_LINK * self.tolerance,
         };
-        let fine = self.accuracy(&reflected, Some(&rough.irradiance), allowed);
-        let (links, fine) = run(&fine, &self.work(&lights, Some(&reflected), self.stop()))?;
+        let fine = self.accuracy(&rough.reflected, Some(&rough.irradiance), allowed);
+        let work = self.work(&lights, Some(&rough.reflected), self.stop());
+        let (links, fine) = run(&fine, &work)?;
         Ok(Solved {
             irradiance: fine.irradiance,
             ended: fine.ended,
-            row_sum: fine.row_sum,
-            checks: fine.checks,
+            checked: fine.checked,
             links: links
                 .counts()
                 .map(|(kind, n)| (kind.to_owned(), n))
                 .into_iter()
                 .collect(),
             seconds,
-            check_seconds: fine.check_seconds,
         })
     }
 

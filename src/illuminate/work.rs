@@ -1,11 +1,8 @@
 //! The radiosity equation of a scene, solved with whichever operator there is.
 
-use std::time::Instant;
-
 use glam::DVec3;
 
-use super::checks::{Bounce, Checks, check};
-use super::stats::RowSum;
+use super::checks::{Bounce, Checked, check};
 use crate::error::{Error, Result};
 use crate::operator::{Fields, TransportOperator};
 use crate::points::Surfels;
@@ -27,14 +24,11 @@ pub(super) struct Work<'a> {
 }
 
 /// Solution of a [`Work`].
-#[derive(Default)]
 pub(super) struct Bounced {
     pub irradiance: Vec<DVec3>,
+    pub reflected: Vec<DVec3>,
     pub ended: Ended,
-    pub row_sum: Option<RowSum>,
-    pub checks: Option<Checks>,
-    /// Seconds that the checks took.
-    pub check_seconds: f64,
+    pub checked: Option<Checked>,
 }
 
 /// Bounces that are followed one by one where the equation has no solution: its row sums, a little
@@ -51,53 +45,72 @@ impl Work<'_> {
         operator: &O,
         progress: &dyn Progress,
     ) -> Result<Bounced> {
+        let unit = self.unit();
         let (mut reflected, mut arrived, mut ended) =
-            self.attempt(operator, self.stop, progress)?;
+            self.attempt(operator, unit, self.stop, progress)?;
         // Bounces only add light: a solution below the lights is none.
-        if sum(&arrived) < -self.stop.residual * sum(self.lights) {
+        if unit * sum(&arrived) < -self.stop.residual * sum(self.lights) {
             let stop = Stop {
                 bounces: Some(BOUNCES_INSTEAD),
                 ..self.stop
             };
-            (reflected, arrived, ended) = self.attempt(operator, stop, progress)?;
+            (reflected, arrived, ended) = self.attempt(operator, unit, stop, progress)?;
             ended.converged = false;
         }
-        let mut bounced = Bounced {
-            // Expansions may leave a little less than nothing.
-            irradiance: (arrived.iter().zip(self.lights))
-                .map(|(h, light)| (*h + *light).max(DVec3::ZERO))
-                .collect(),
-            ended,
-            ..Bounced::default()
-        };
-        if let Some((visibility, seed)) = self.checked {
-            let start = Instant::now();
+        let check = |(visibility, seed)| {
             let last = Bounce {
                 radiosity: &operator.fields().download(&reflected)?,
                 irradiance: &arrived,
             };
-            let (row_sum, checks) =
-                check(operator, self.surfels, &last, visibility, seed, progress)?;
-            bounced.row_sum = Some(row_sum);
-            bounced.checks = Some(checks);
-            bounced.check_seconds = start.elapsed().as_secs_f64();
-        }
-        Ok(bounced)
+            check(operator, self.surfels, &last, visibility, seed, progress)
+        };
+        let checked = self.checked.map(check).transpose()?;
+        // Expansions may leave a little less than nothing.
+        let irradiance: Vec<DVec3> = (arrived.iter().zip(self.lights))
+            .map(|(h, light)| (*h * unit + *light).max(DVec3::ZERO))
+            .collect();
+        Ok(Bounced {
+            reflected: (irradiance.iter().zip(self.reflectance()))
+                .map(|(h, r)| *h * r)
+                .collect(),
+            irradiance,
+            ended,
+            checked,
+        })
     }
 
-    /// Reflected radiosity, the irradiance that it causes, and how the solver ended.
+    fn reflectance(&self) -> impl Iterator<Item = DVec3> {
+        self.surfels.reflectance.iter().map(|r| r.as_dvec3())
+    }
+
+    /// The brightest light, rounded to a power of two: in this unit squares stay in the range of f32,
+    /// and rounding is what it was.
+    fn unit(&self) -> f64 {
+        let brightest = self.lights.iter().map(|h| h.max_element());
+        match brightest.fold(0.0, f64::max) {
+            0.0 => 1.0,
+            light => light.log2().round().exp2(),
+        }
+    }
+
+    /// Reflected radiosity, the irradiance that it causes, and how the solver ended; light is in
+    /// this unit.
     fn attempt<O: TransportOperator>(
         &self,
         operator: &O,
+        unit: f64,
         stop: Stop,
         progress: &dyn Progress,
     ) -> Result<Attempt<O>> {
         let fields = operator.fields();
-        let reflectance = self.surfels.reflectance.iter().map(|r| r.as_dvec3());
-        let reflectance = fields.upload(&reflectance.collect::<Vec<_>>())?;
-        let mut source = fields.upload(self.lights)?;
+        let reflectance = fields.upload(&self.reflectance().collect::<Vec<_>>())?;
+        let upload = |light: &[DVec3]| {
+            let light: Vec<DVec3> = light.iter().map(|h| *h / unit).collect();
+            fields.upload(&light)
+        };
+        let mut source = upload(self.lights)?;
         fields.multiply(&reflectance, &mut source)?;
-        let start = self.start.map(|s| fields.upload(s)).transpose()?;
+        let start = self.start.map(upload).transpose()?;
         let (reflected, ended) = solve(operator, &reflectance, &source, start, stop, progress)?;
         progress.check()?;
         let arrived = operator.apply(&reflected)?;
