@@ -165,8 +165,11 @@ fn a_map_is_that_of_the_cpu() {
     let off = relative_l2(&found, &expected);
     println!("map: {off:e}");
     assert!(off < 1e-4, "{off}");
-    // And so is what the checks find.
-    let [found, expected] = lit.map(|lit| lit.stats.checks.unwrap());
+    // And so is the way there, and what the checks find.
+    let [found, expected] = lit.map(|lit| lit.stats);
+    assert_eq!(found.iterations, expected.iterations);
+    assert!((found.residual / expected.residual - 1.0).abs() < 0.01);
+    let [found, expected] = [found, expected].map(|stats| stats.checks.unwrap());
     let apart = |of: fn(&Checks) -> f64| (of(&found) - of(&expected)).abs();
     assert!(apart(|c| c.row_sum_and_sky.unwrap().mean) < 1e-3);
     assert!(apart(|c| c.energy.unwrap()) < 1e-3);
