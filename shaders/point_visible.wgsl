@@ -150,28 +150,28 @@ fn answer(places: vec2<u32>) -> u32 {
         let last = first + (leaf & ((1u << COUNT_BITS) - 1u));
         var at = first;
         for (; at < last; at++) {
-            var new = occluder(at, ends);
-            if at == places.x || at == places.y || new.distance >= test.limit {
+            var next = occluder(at, ends);
+            if at == places.x || at == places.y || next.distance >= test.limit {
                 continue;
             }
             // What alone is enough needs no others.
-            if look_up(sqrt(new.crossing)) <= test.threshold {
+            if look_up(sqrt(next.crossing)) <= test.threshold {
                 return BLOCKED;
             }
             var k = 0u;
             for (; k < count; k++) {
                 let old = found[k];
-                if new.distance < old.distance
-                    || (new.distance == old.distance && new.surfel < old.surfel) {
-                    found[k] = new;
-                    new = old;
+                if next.distance < old.distance
+                    || (next.distance == old.distance && next.surfel < old.surfel) {
+                    found[k] = next;
+                    next = old;
                 }
             }
             if k < count {
                 return UNKNOWN;
             }
             if count < most {
-                found[count] = new;
+                found[count] = next;
                 count++;
             }
         }
