@@ -81,7 +81,7 @@ const POINT_LEAF: f32 = 0.5;
 const EXPOSURE: f32 = 2.0;
 const POINT: Vec3 = Vec3::new(0.0, 1.2, 1.2);
 const CELL: Vec3 = Vec3::new(1.0, 0.85, 0.0);
-const SINGLE: Vec3 = Vec3::new(1.0, 0.95, 0.45);
+const SINGLE: Vec3 = Vec3::new(1.2, 1.1, 0.4);
 const DARKENED: f32 = 0.07;
 /// The point is drawn so many times as large as it is.
 const POINT_SIZE: f32 = 3.0;
@@ -151,9 +151,10 @@ pub fn run(args: &Args) -> Result<Done> {
     }
     if !args.quiet {
         let place = surfels.positions[from as usize].as_dvec3() + surfels.origin;
-        let normal = surfels.normals[from as usize];
+        // Rounded here, and without the sign of a zero.
+        let normal = (surfels.normals[from as usize] * 1e3).round() / 1e3 + Vec3::ZERO;
         let mut lines = vec![
-            format!("from        {place:.6}, normal {normal:.3}"),
+            format!("from        {place:.6}, normal {normal}"),
             format!("backend     {}", chosen.describe()),
             format!("points      {} visible", share(seen.surfels.iter())),
             format!(
@@ -227,7 +228,7 @@ fn paints(octree: &Octree, surfels: &Surfels, from: u32, seen: &Seen) -> Vec<Vec
     let mut paints: Vec<Vec3> = surfels.reflectance.iter().map(|r| r * DARKENED).collect();
     for (k, &(leaf, is_seen)) in seen.leaves.iter().enumerate() {
         // Neighbouring cells differ a little.
-        let shade = 0.6 + 0.4 * (0.618 * k as f32).fract();
+        let shade = 0.35 + 0.65 * (0.618 * k as f32).fract();
         for i in octree.facets[leaf].surfels() {
             match (is_seen, seen.surfels[i]) {
                 (true, _) => paints[i] = CELL * shade,
