@@ -49,7 +49,7 @@ fn on_cpu(surfels: &Surfels, test: PointTest, pairs: &[[u32; 2]]) -> Vec<bool> {
 /// The test without a hierarchy, by projections and parameters of the line.
 fn by_all_points(s: &Surfels, test: &PointTest, [i, j]: [u32; 2]) -> bool {
     let place = |i: u32| s.positions[i as usize].as_dvec3();
-    let (p, q) = (place(i), place(j));
+    let [p, q] = [i, j].map(|i| s.above(i as usize).as_dvec3());
     let radius = f64::from(test.radius);
     let mut occluders: Vec<(f64, f64)> = Vec::new();
     for x in (0..s.len() as u32).filter(|&x| x != i && x != j) {
