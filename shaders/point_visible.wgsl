@@ -121,13 +121,13 @@ fn entry(k: u32) -> f32 {
 
 fn look_up(distance: f32) -> f32 {
     let place = distance * test.steps;
-    if !(place < f32(LOOKUP - 1u)) {
-        return 1.0;
+    if place < f32(LOOKUP - 1u) {
+        let cell = u32(place);
+        let low = entry(cell);
+        let high = entry(cell + 1u);
+        return low + (high - low) * (place - f32(cell));
     }
-    let cell = u32(place);
-    let low = entry(cell);
-    let high = entry(cell + 1u);
-    return low + (high - low) * (place - f32(cell));
+    return 1.0;
 }
 
 // A driver may leave loops early (see turns.rs): then there is no answer.

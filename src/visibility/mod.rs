@@ -1,4 +1,5 @@
-//! Who sees whom: segments tested against the cells of the surfels.
+//! Who sees whom: segments tested against the cells of the surfels, or, as in the report, against
+//! the points near them.
 
 mod bvh;
 mod counted;
