@@ -10,7 +10,7 @@ use common::{
 use fmmgi_gpu::Surfels;
 use fmmgi_gpu::passes::gpu::GpuVisibility;
 use fmmgi_gpu::visibility::{
-    CpuVisibility, NO_SURFEL, NothingInTheWay, Occluders, Segment, Visibility, blocked, meets_cell,
+    CpuVisibility, NO_SURFEL, NothingInTheWay, Occluders, Segment, Visibility, blocked, meeting,
 };
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use rand::RngExt;
@@ -144,7 +144,7 @@ fn no_box_shuts_out_a_cell_that_is_met() {
                 _ => at + Vec3::AXES[rng.random_range(0..3)],
             };
             let to = at + rng.random_range(0.1..1.0) * (at - from);
-            let met = |cell| meets_cell::<f32>(cell, from, to);
+            let met = |cell| meeting::<f32>(cell, from, to).is_some();
             assert_eq!(
                 blocked::<f32>(&occluders, &segment(from, to)),
                 occluders.occluders.iter().any(met),

@@ -1,22 +1,25 @@
-//! The two ways from lights to irradiance: exact sums, and links.
+//! The ways from lights to irradiance: exact sums, links, and rays.
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
 use super::stats::RowSum;
 use super::work::{Bounced, Work};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::lights;
-use crate::links::{self, Accuracy, Links};
+use crate::links::{self, Accuracy, Links, Rows};
+use crate::memory;
 use crate::octree::Octree;
 use crate::operator::{Direct, TransportOperator};
+use crate::passes::cpu;
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::solve::{Ended, Stop};
-use crate::visibility::{Counted, Visibility};
+use crate::visibility::{Counted, Occluders, Visibility};
 
 /// Allowed error of a link with tested visibility in units of the tolerance and the mean irradiance.
 /// How errors of many links add up is measured: allowed 0.015, the scenes are off by 0.007 to 0.016
@@ -26,6 +29,10 @@ const ERROR_A_LINK: f64 = 0.5;
 const ROUGH_ERROR: f64 = 0.3;
 /// Residual to which the rough links are solved.
 const ROUGH_RESIDUAL: f64 = 0.03;
+/// Rays from each surfel that can be asked for.
+pub const RAYS: RangeInclusive<u32> = 2..=1 << 16;
+/// Rays to begin with.
+const FIRST_RAYS: u32 = 32;
 /// What f32 can reach.
 const LEAST_RESIDUAL: f64 = 1e-6;
 
@@ -50,9 +57,24 @@ pub(super) struct Solved {
     pub ended: Ended,
     pub row_sum: Option<RowSum>,
     pub links: BTreeMap<String, u64>,
+    pub rays: Option<Rays>,
     /// Seconds of the solver.
     pub seconds: f64,
 }
+
+/// Rays that were cast.
+#[derive(Clone, Copy)]
+pub(super) struct Rays {
+    /// From each surfel.
+    pub count: u32,
+    /// Standard error that they leave, relative to the irradiance (L2 norms).
+    pub standard_error: f64,
+    /// Seconds that they took.
+    pub seconds: f64,
+}
+
+/// How an operator made of links solves the equation, on one backend or the other.
+type Solve<'a> = &'a dyn Fn(&Links, &Work) -> Result<Bounced>;
 
 impl Task<'_> {
     /// Everything by exact sums, the light of emitting surfels too.
@@ -78,22 +100,8 @@ impl Task<'_> {
 
     /// Lights per surfel, then links for what is reflected: rough ones first, whose solution says
     /// where light is strong and where it is weak, then those that keep the tolerance.
-    pub fn fmm(
-        &self,
-        repairs: &mut Vec<String>,
-        solve: &dyn Fn(&Links, &Work) -> Result<Bounced>,
-    ) -> Result<Solved> {
-        let mut lights = self.lights(repairs)?;
-        let emitted = lights::emitters(
-            self.surfels,
-            self.tolerance,
-            self.seed,
-            self.visibility,
-            self.progress,
-        )?;
-        for (light, emitted) in lights.iter_mut().zip(emitted) {
-            *light += emitted;
-        }
+    pub fn fmm(&self, repairs: &mut Vec<String>, solve: Solve) -> Result<Solved> {
+        let lights = self.direct_light(repairs)?;
         let reflectance = || self.surfels.reflectance.iter().map(|r| r.as_dvec3());
         let ambient: DVec3 = lights.iter().sum::<DVec3>() / lights.len() as f64;
         let guess: Vec<DVec3> = lights
@@ -102,15 +110,7 @@ impl Task<'_> {
             .map(|(h, r)| r * (*h + ambient))
             .collect();
         if guess.iter().all(|b| *b == DVec3::ZERO) || self.max_bounces == Some(0) {
-            // Nothing is reflected.
-            return Ok(Solved {
-                irradiance: lights,
-                ended: Ended {
-                    converged: true,
-                    ..Ended::default()
-                },
-                ..Solved::default()
-            });
+            return Ok(Solved::without_reflection(lights));
         }
         let rough_stop = Stop {
             residual: ROUGH_RESIDUAL,
@@ -136,13 +136,76 @@ impl Task<'_> {
             irradiance: fine.irradiance,
             ended: fine.ended,
             row_sum: Some(fine.row_sum),
-            links: links
-                .counts()
-                .map(|(kind, n)| (kind.to_owned(), n))
-                .into_iter()
-                .collect(),
+            links: counts(&links),
             seconds,
+            ..Solved::default()
         })
+    }
+
+    /// Lights per surfel, then rays for what is reflected: twice as many, until half of them agree
+    /// with the other half.
+    pub fn gather(
+        &self,
+        occluders: &Occluders,
+        wanted: Option<u32>,
+        repairs: &mut Vec<String>,
+        solve: Solve,
+    ) -> Result<Solved> {
+        let n = self.surfels.len();
+        if let Some(wanted) = wanted {
+            memory::check_rays(n, wanted.next_power_of_two())?;
+        }
+        let lights = self.direct_light(repairs)?;
+        let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
+        let dark = lights.iter().all(|h| *h == DVec3::ZERO);
+        if black || dark || self.max_bounces == Some(0) {
+            return Ok(Solved::without_reflection(lights));
+        }
+        let mut casting = 0.0;
+        let mut cast = |numbers| {
+            let clock = Instant::now();
+            let (seed, progress) = (self.seed, self.progress);
+            let rows = links::gather::<f32>(self.surfels, occluders, numbers, seed, progress)?;
+            casting += clock.elapsed().as_secs_f64();
+            Ok::<Rows, Error>(rows)
+        };
+        let mut rays = wanted.unwrap_or(FIRST_RAYS).next_power_of_two() / 2;
+        let mut near = cast(0..rays)?;
+        let mut start: Option<Vec<DVec3>> = None;
+        let mut seconds = 0.0;
+        loop {
+            memory::check_rays(n, 2 * rays)?;
+            let more = cast(rays..2 * rays)?;
+            rays *= 2;
+            let links = Links {
+                near: links::mean(&near, &more)?,
+                ..Links::none(self.octree.facets.len(), n)
+            };
+            let clock = Instant::now();
+            let bounced = solve(&links, &self.work(&lights, start.as_deref(), self.stop()))?;
+            seconds += clock.elapsed().as_secs_f64();
+            let standard_error = standard_error([&near, &more], &bounced);
+            let enough = standard_error <= self.tolerance;
+            if wanted.is_none() && !enough && rays < *RAYS.end() {
+                start = Some(bounced.reflected);
+                near = links.near;
+                continue;
+            }
+            let mut ended = bounced.ended;
+            ended.converged &= enough || wanted.is_some();
+            return Ok(Solved {
+                irradiance: bounced.irradiance,
+                ended,
+                row_sum: Some(bounced.row_sum),
+                links: counts(&links),
+                rays: Some(Rays {
+                    count: rays,
+                    standard_error,
+                    seconds: casting,
+                }),
+                seconds,
+            });
+        }
     }
 
     fn links(&self, accuracy: &Accuracy) -> Result<Links> {
@@ -151,6 +214,22 @@ impl Task<'_> {
             true => links::build_open(surfels, octree, accuracy, progress),
             false => links::build(surfels, octree, accuracy, self.visibility, progress),
         }
+    }
+
+    /// Point lights, sky and emitters.
+    fn direct_light(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {
+        let mut lights = self.lights(repairs)?;
+        let emitted = lights::emitters(
+            self.surfels,
+            self.tolerance,
+            self.seed,
+            self.visibility,
+            self.progress,
+        )?;
+        for (light, emitted) in lights.iter_mut().zip(emitted) {
+            *light += emitted;
+        }
+        Ok(lights)
     }
 
     /// Point lights and sky.
@@ -217,5 +296,44 @@ impl Task<'_> {
             residual: (0.03 * self.tolerance).clamp(LEAST_RESIDUAL, 1e-3),
             bounces: self.max_bounces,
         }
+    }
+}
+
+impl Solved {
+    /// Light straight from the lights is all there is.
+    fn without_reflection(irradiance: Vec<DVec3>) -> Solved {
+        Solved {
+            irradiance,
+            ended: Ended {
+                converged: true,
+                ..Ended::default()
+            },
+            ..Solved::default()
+        }
+    }
+}
+
+fn counts(links: &Links) -> BTreeMap<String, u64> {
+    let counts = links.counts().map(|(kind, n)| (kind.to_owned(), n));
+    counts.into_iter().collect()
+}
+
+/// Standard error of the mean of two operators, relative to the irradiance: half of what they
+/// differ by. Both halves are stratified and complete each other, so that the true error is smaller
+/// by a little.
+fn standard_error(halves: [&Rows; 2], bounced: &Bounced) -> f64 {
+    let reflected: Vec<Vec3> = bounced.reflected.iter().map(|b| b.as_vec3()).collect();
+    let [a, b] = halves.map(|near| {
+        let mut irradiance = vec![Vec3::ZERO; reflected.len()];
+        cpu::near_field::<f32>(near, &reflected, &mut irradiance);
+        irradiance
+    });
+    let differences = a.iter().zip(&b).map(|(a, b)| (*a - *b).as_dvec3());
+    let spread: f64 = differences.map(|d| d.length_squared()).sum();
+    let whole: f64 = bounced.irradiance.iter().map(|h| h.length_squared()).sum();
+    if whole > 0.0 {
+        0.5 * (spread / whole).sqrt()
+    } else {
+        0.0
     }
 }

@@ -4,6 +4,7 @@ mod bvh;
 mod counted;
 mod pairs;
 mod segment;
+mod wide;
 
 use std::marker::PhantomData;
 
@@ -15,7 +16,8 @@ use crate::math::Real;
 pub use bvh::{Node, Occluder, Occluders};
 pub use counted::Counted;
 pub use pairs::{BySegment, PointVisibility, face};
-pub use segment::{blocked, meets_cell};
+pub use segment::{Hit, blocked, first_hit, meeting};
+pub use wide::WideNode;
 
 /// Stands for "no surfel" in [`Segment`]'s skip fields.
 pub const NO_SURFEL: u32 = u32::MAX;
