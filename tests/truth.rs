@@ -31,6 +31,7 @@ fn solve(scene: &Scene, method: Method, max_bounces: Option<u32>) -> Illuminatio
         order: None,
         max_bounces,
         seed: 1,
+        ..Options::default()
     };
     let result = illuminate(scene, &options, Backend::Cpu, &Silent).unwrap();
     assert!(result.stats.converged);

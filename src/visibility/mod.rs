@@ -16,7 +16,7 @@ use crate::math::Real;
 pub use bvh::{Node, Occluder, Occluders};
 pub use counted::Counted;
 pub use pairs::{BySegment, PointVisibility, face};
-pub use segment::{Hit, blocked, first_hit, meeting};
+pub use segment::{Hit, RIM, blocked, first_hit, meeting};
 pub use wide::WideNode;
 
 /// Stands for "no surfel" in [`Segment`]'s skip fields.

@@ -10,6 +10,9 @@ use super::{NO_SURFEL, Occluder, Occluders, Segment};
 
 /// Smallest component of a direction that boxes are tested with: its inverse stays finite.
 const SMALLEST: f32 = 1e-20;
+/// Scale of the cells that a segment may have passed by at a gap. (Of the rays in the scene organic, of
+/// 8,000 points, 2.2% end at backs without it, 0.4% at 1.5, 0.16% at 2; all should end at fronts.)
+pub const RIM: f32 = 2.0;
 
 /// Whether a cell, other than the two that the segment excludes, is met strictly between its ends.
 pub fn blocked<T: Real>(occluders: &Occluders, segment: &Segment) -> bool {
@@ -40,30 +43,47 @@ pub struct Hit {
 }
 
 /// The cell that a segment meets first, other than the two that it excludes.
+///
+/// Where neighbours are not in one plane, there are gaps between their cells. A segment that comes to
+/// the back of a surface may have slipped through one: then it meets the first cell that it passed by
+/// on the front, within [`RIM`].
 pub fn first_hit<T: Real>(occluders: &Occluders, segment: &Segment) -> Option<Hit> {
     let (from, to) = ends::<T>(segment);
-    let mut first = (T::ONE, NO_SURFEL);
-    let mut hit = None;
+    let rim = T::from_f32(RIM);
+    let nowhere = (T::ONE, NO_SURFEL);
+    let (mut first, mut front) = (nowhere, true);
+    let mut passed_by = nowhere;
     walk::<true>(
         &occluders.wide,
         &line(segment),
         &mut 1.0,
         &mut |limit, range| {
             for cell in &occluders.occluders[range] {
-                let Some(part) = meeting::<T>(cell, from, to) else {
+                let Some(crossing) = crossing::<T>(cell, from, to, rim) else {
                     continue;
                 };
-                if (part, cell.surfel) < first && !excludes(segment, cell.surfel) {
-                    first = (part, cell.surfel);
-                    *limit = part.to_f64() as f32;
-                    hit = Some(cell);
+                let here = (crossing.part(), cell.surfel);
+                if here >= first || excludes(segment, cell.surfel) {
+                    continue;
+                }
+                if covers(cell, crossing.at) {
+                    (first, front) = (here, crossing.is_front());
+                    *limit = here.0.to_f64() as f32;
+                } else if crossing.is_front() && here < passed_by {
+                    let at = crossing.at.map(|x| x / rim);
+                    if covers(cell, at) {
+                        passed_by = here;
+                    }
                 }
             }
         },
     );
-    hit.map(|cell| Hit {
-        surfel: cell.surfel,
-        front: (to - from).dot(vector::<T>(cell.normal)) < T::ZERO,
+    if !front && passed_by < first {
+        (first, front) = (passed_by, true);
+    }
+    (first.1 != NO_SURFEL).then_some(Hit {
+        surfel: first.1,
+        front,
     })
 }
 
@@ -71,6 +91,34 @@ pub fn first_hit<T: Real>(occluders: &Occluders, segment: &Segment) -> Option<Hi
 /// length; a segment in the plane does not cross it. Exchanging the ends does not change whether it
 /// does, not even by rounding.
 pub fn meeting<T: Real>(cell: &Occluder, from: T::Vec3, to: T::Vec3) -> Option<T> {
+    let crossing = crossing::<T>(cell, from, to, T::ONE)?;
+    covers(cell, crossing.at).then(|| crossing.part())
+}
+
+/// Where an open segment crosses the plane of a cell.
+struct Crossing<T> {
+    /// Heights of its ends above the plane.
+    heights: [T; 2],
+    /// Along (tangent, normal × tangent) from the surfel.
+    at: [T; 2],
+}
+
+impl<T: Real> Crossing<T> {
+    /// As a part of the segment's length.
+    #[inline(always)]
+    fn part(&self) -> T {
+        self.heights[0] / (self.heights[0] - self.heights[1])
+    }
+
+    #[inline(always)]
+    fn is_front(&self) -> bool {
+        self.heights[0] > T::ZERO
+    }
+}
+
+/// `None` too where it lies outside of the cell's circle times `scale`.
+#[inline(always)]
+fn crossing<T: Real>(cell: &Occluder, from: T::Vec3, to: T::Vec3, scale: T) -> Option<Crossing<T>> {
     let position = vector::<T>(cell.position);
     let normal = vector::<T>(cell.normal);
     let p = from - position;
@@ -82,19 +130,25 @@ pub fn meeting<T: Real>(cell: &Occluder, from: T::Vec3, to: T::Vec3) -> Option<T
         return None;
     }
     let hit = (p * b - q * a) * (T::ONE / (b - a));
-    if hit.dot(hit) > T::from_f32(cell.radius_squared) {
+    if hit.dot(hit) > T::from_f32(cell.radius_squared) * (scale * scale) {
         return None;
     }
     let tangent = vector::<T>(cell.tangent);
-    let x = hit.dot(tangent);
-    let y = hit.dot(normal.cross(tangent));
+    Some(Crossing {
+        heights: [a, b],
+        at: [hit.dot(tangent), hit.dot(normal.cross(tangent))],
+    })
+}
+
+/// Whether a place in the plane of a cell lies inside it or on its edge.
+#[inline(always)]
+fn covers<T: Real>(cell: &Occluder, [x, y]: [T; 2]) -> bool {
     let corner = |k: usize| cell.corners[k % MAX_EDGES].map(T::from_f32);
-    let inside = (0..MAX_EDGES).all(|k| {
+    (0..MAX_EDGES).all(|k| {
         let [cx, cy] = corner(k);
         let [dx, dy] = corner(k + 1);
         (dx - cx) * (y - cy) - (dy - cy) * (x - cx) >= T::ZERO
-    });
-    inside.then(|| a / (a - b))
+    })
 }
 
 fn excludes(segment: &Segment, surfel: u32) -> bool {
