@@ -1,7 +1,8 @@
-//! Segments against the cells, on the CPU in f32 and on the adapter found:
-//! `cargo bench --bench visibility`.
+//! Segments against the cells, on the CPU in f32 and on the adapter found, and rays of the gather on the
+//! CPU: `cargo bench --bench visibility`.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use fmmgi_gpu::links;
 use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::passes::gpu::{Gpu, GpuVisibility, adapter};
 use fmmgi_gpu::progress::Silent;
@@ -13,6 +14,9 @@ use rand_pcg::Pcg64Mcg;
 
 /// Segments that are tested in one batch.
 const SEGMENTS: usize = 100_000;
+
+/// Rays from each surfel.
+const RAYS: u32 = 8;
 
 /// The surfels of a scene in the order of the octree, which is that of a solve.
 fn surfels(name: &str, points: usize) -> Surfels {
@@ -77,6 +81,12 @@ fn visibility(criterion: &mut Criterion) {
             }
             group.finish();
         }
+        let mut group = criterion.benchmark_group(format!("{name} {points}, rays"));
+        group.throughput(Throughput::Elements(u64::from(RAYS) * surfels.len() as u64));
+        group.sample_size(10);
+        let gather = || links::gather::<f32>(&surfels, &occluders, 0..RAYS, 1, &Silent).unwrap();
+        group.bench_function("cpu", |b| b.iter(gather));
+        group.finish();
     }
 }
 

@@ -118,13 +118,16 @@ fn links_change_within_the_tolerance() {
     }
 }
 
+/// Two results of a tolerance of 0.03 differ by √2 as much, if their errors are noise.
+const NOISE: f64 = 0.043;
+
 /// In another unit and at another place all rays are the same, but for rounding: a ray that meets
-/// another surfel for it is one of 128. Of surfels in another order each has other rays.
+/// another surfel for it is one of 128. In other octrees surfels have other rays.
 #[test]
 fn rays_change_by_rounding_or_within_the_tolerance() {
     for (what, difference) in differences(Method::Gather, Occlusion::Surfels, 3000) {
         let bound = match what {
-            "order" | "rotation" => 0.03,
+            "order" | "rotation" => NOISE,
             _ => 1e-3,
         };
         assert!(difference < bound, "{what}: {difference:.1e}");
@@ -157,7 +160,7 @@ fn a_stray_far_away_changes_nothing() {
     let methods = [
         (Method::Direct, 1e-5),
         (Method::Fmm, 0.03),
-        (Method::Gather, 0.03),
+        (Method::Gather, NOISE),
     ];
     for (method, bound) in methods {
         let without = irradiance(&clean, method);
