@@ -146,7 +146,7 @@ fn it_converges_to_exact_sums() {
 /// Fresh rays from the dark plate to the shining one. Cells stick out at the border of a plate by a part
 /// of a spacing, which is a bias; it is less than the noise of 4096 rays at a point.
 fn plates(name: &str, place: impl Fn(DVec3) -> DVec2, truth: impl Fn(DVec2) -> f64) {
-    let case = Case::new(&scene(name, 8000));
+    let case = Case::new(&scene(name, 6000));
     let emission: Vec<f64> = case.surfels.emission.iter().map(|e| e.x.into()).collect();
     let keep: Vec<bool> = emission.iter().map(|&e| e == 0.0).collect();
     let truth: Vec<f64> = case.positions.iter().map(|&p| truth(place(p))).collect();

@@ -1,5 +1,6 @@
 //! The main job: scene in, illumination map and what it took out.
 
+mod rays;
 pub mod stats;
 mod task;
 mod work;
@@ -9,8 +10,8 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
+pub use self::rays::RAYS;
 use self::stats::{Seconds, Stats};
-pub use self::task::RAYS;
 use self::task::Task;
 use self::work::Work;
 use crate::error::{Error, Result};

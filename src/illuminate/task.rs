@@ -1,25 +1,23 @@
-//! The ways from lights to irradiance: exact sums, links, and rays.
+//! The ways from lights to irradiance: exact sums, and links (for rays see `rays`).
 
 use std::collections::BTreeMap;
-use std::ops::RangeInclusive;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
+use super::rays::Rays;
 use super::stats::RowSum;
 use super::work::{Bounced, Work};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::lights;
-use crate::links::{self, Accuracy, Links, Rows};
-use crate::memory;
+use crate::links::{self, Accuracy, Links};
 use crate::octree::Octree;
 use crate::operator::{Direct, TransportOperator};
-use crate::passes::cpu;
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::solve::{Ended, Stop};
-use crate::visibility::{Counted, Occluders, Visibility};
+use crate::visibility::{Counted, Visibility};
 
 /// Allowed error of a link with tested visibility in units of the tolerance and the mean irradiance.
 /// How errors of many links add up is measured: allowed 0.015, the scenes are off by 0.007 to 0.016
@@ -29,10 +27,6 @@ const ERROR_A_LINK: f64 = 0.5;
 const ROUGH_ERROR: f64 = 0.3;
 /// Residual to which the rough links are solved.
 const ROUGH_RESIDUAL: f64 = 0.03;
-/// Rays from each surfel that can be asked for.
-pub const RAYS: RangeInclusive<u32> = 2..=1 << 16;
-/// Rays to begin with.
-const FIRST_RAYS: u32 = 32;
 /// What f32 can reach.
 const LEAST_RESIDUAL: f64 = 1e-6;
 
@@ -62,19 +56,8 @@ pub(super) struct Solved {
     pub seconds: f64,
 }
 
-/// Rays that were cast.
-#[derive(Clone, Copy)]
-pub(super) struct Rays {
-    /// From each surfel.
-    pub count: u32,
-    /// Standard error that they leave, relative to the irradiance (L2 norms).
-    pub standard_error: f64,
-    /// Seconds that they took.
-    pub seconds: f64,
-}
-
 /// How an operator made of links solves the equation, on one backend or the other.
-type Solve<'a> = &'a dyn Fn(&Links, &Work) -> Result<Bounced>;
+pub(super) type Solve<'a> = &'a dyn Fn(&Links, &Work) -> Result<Bounced>;
 
 impl Task<'_> {
     /// Everything by exact sums, the light of emitting surfels too.
@@ -142,72 +125,6 @@ impl Task<'_> {
         })
     }
 
-    /// Lights per surfel, then rays for what is reflected: twice as many, until half of them agree
-    /// with the other half.
-    pub fn gather(
-        &self,
-        occluders: &Occluders,
-        wanted: Option<u32>,
-        repairs: &mut Vec<String>,
-        solve: Solve,
-    ) -> Result<Solved> {
-        let n = self.surfels.len();
-        if let Some(wanted) = wanted {
-            memory::check_rays(n, wanted.next_power_of_two())?;
-        }
-        let lights = self.direct_light(repairs)?;
-        let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
-        let dark = lights.iter().all(|h| *h == DVec3::ZERO);
-        if black || dark || self.max_bounces == Some(0) {
-            return Ok(Solved::without_reflection(lights));
-        }
-        let mut casting = 0.0;
-        let mut cast = |numbers| {
-            let clock = Instant::now();
-            let (seed, progress) = (self.seed, self.progress);
-            let rows = links::gather::<f32>(self.surfels, occluders, numbers, seed, progress)?;
-            casting += clock.elapsed().as_secs_f64();
-            Ok::<Rows, Error>(rows)
-        };
-        let mut rays = wanted.unwrap_or(FIRST_RAYS).next_power_of_two() / 2;
-        let mut near = cast(0..rays)?;
-        let mut start: Option<Vec<DVec3>> = None;
-        let mut seconds = 0.0;
-        loop {
-            memory::check_rays(n, 2 * rays)?;
-            let more = cast(rays..2 * rays)?;
-            rays *= 2;
-            let links = Links {
-                near: links::mean(&near, &more)?,
-                ..Links::none(self.octree.facets.len(), n)
-            };
-            let clock = Instant::now();
-            let bounced = solve(&links, &self.work(&lights, start.as_deref(), self.stop()))?;
-            seconds += clock.elapsed().as_secs_f64();
-            let standard_error = standard_error([&near, &more], &bounced);
-            let enough = standard_error <= self.tolerance;
-            if wanted.is_none() && !enough && rays < *RAYS.end() {
-                start = Some(bounced.reflected);
-                near = links.near;
-                continue;
-            }
-            let mut ended = bounced.ended;
-            ended.converged &= enough || wanted.is_some();
-            return Ok(Solved {
-                irradiance: bounced.irradiance,
-                ended,
-                row_sum: Some(bounced.row_sum),
-                links: counts(&links),
-                rays: Some(Rays {
-                    count: rays,
-                    standard_error,
-                    seconds: casting,
-                }),
-                seconds,
-            });
-        }
-    }
-
     fn links(&self, accuracy: &Accuracy) -> Result<Links> {
         let (surfels, octree, progress) = (self.surfels, self.octree, self.progress);
         match self.visibility.is_open() {
@@ -217,7 +134,7 @@ impl Task<'_> {
     }
 
     /// Point lights, sky and emitters.
-    fn direct_light(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {
+    pub(super) fn direct_light(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {
         let mut lights = self.lights(repairs)?;
         let emitted = lights::emitters(
             self.surfels,
@@ -282,7 +199,12 @@ impl Task<'_> {
         )
     }
 
-    fn work<'w>(&'w self, lights: &'w [DVec3], start: Option<&'w [DVec3]>, stop: Stop) -> Work<'w> {
+    pub(super) fn work<'w>(
+        &'w self,
+        lights: &'w [DVec3],
+        start: Option<&'w [DVec3]>,
+        stop: Stop,
+    ) -> Work<'w> {
         Work {
             surfels: self.surfels,
             lights,
@@ -291,7 +213,7 @@ impl Task<'_> {
         }
     }
 
-    fn stop(&self) -> Stop {
+    pub(super) fn stop(&self) -> Stop {
         Stop {
             residual: (0.03 * self.tolerance).clamp(LEAST_RESIDUAL, 1e-3),
             bounces: self.max_bounces,
@@ -301,7 +223,7 @@ impl Task<'_> {
 
 impl Solved {
     /// Light straight from the lights is all there is.
-    fn without_reflection(irradiance: Vec<DVec3>) -> Solved {
+    pub(super) fn without_reflection(irradiance: Vec<DVec3>) -> Solved {
         Solved {
             irradiance,
             ended: Ended {
@@ -313,27 +235,7 @@ impl Solved {
     }
 }
 
-fn counts(links: &Links) -> BTreeMap<String, u64> {
+pub(super) fn counts(links: &Links) -> BTreeMap<String, u64> {
     let counts = links.counts().map(|(kind, n)| (kind.to_owned(), n));
     counts.into_iter().collect()
-}
-
-/// Standard error of the mean of two operators, relative to the irradiance: half of what they
-/// differ by. Both halves are stratified and complete each other, so that the true error is smaller
-/// by a little.
-fn standard_error(halves: [&Rows; 2], bounced: &Bounced) -> f64 {
-    let reflected: Vec<Vec3> = bounced.reflected.iter().map(|b| b.as_vec3()).collect();
-    let [a, b] = halves.map(|near| {
-        let mut irradiance = vec![Vec3::ZERO; reflected.len()];
-        cpu::near_field::<f32>(near, &reflected, &mut irradiance);
-        irradiance
-    });
-    let differences = a.iter().zip(&b).map(|(a, b)| (*a - *b).as_dvec3());
-    let spread: f64 = differences.map(|d| d.length_squared()).sum();
-    let whole: f64 = bounced.irradiance.iter().map(|h| h.length_squared()).sum();
-    if whole > 0.0 {
-        0.5 * (spread / whole).sqrt()
-    } else {
-        0.0
-    }
 }

@@ -52,7 +52,8 @@ pub struct Links {
     /// Facet from facet where only some pairs face each other: the weight is the mean of the clamped
     /// kernel times visibility, which acts on the source's power.
     pub sampled: Rows,
-    /// Surfel from surfel: the weight is the form factor times the visibility.
+    /// Surfel from surfel: the weight is the form factor times the visibility, or the part of the rays
+    /// that stands for both.
     pub near: Rows,
     /// Error of the irradiance that is expected of the expansions where nothing is in the way: root
     /// mean square over the surfels, if errors of different links are independent. Sampled links, which
