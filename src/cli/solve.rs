@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::ValueEnum;
+use fmmgi_gpu::illuminate::RAYS;
 use fmmgi_gpu::output::{write_atomic, write_ply, write_stats};
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
 use fmmgi_gpu::{
@@ -52,6 +53,10 @@ pub struct Args {
     /// as the tolerance needs]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(0..=12))]
     order: Option<u8>,
+    /// Rays from each point with --method gather, rounded up to a power of two [default: as many as the
+    /// tolerance needs]
+    #[arg(long, value_name = "N", value_parser = rays())]
+    rays: Option<u32>,
     /// What stands in the way of light
     #[arg(long, value_enum, default_value = "surfels")]
     visibility: VisibilityArg,
@@ -87,6 +92,8 @@ enum MethodArg {
     Direct,
     /// Fast multipole method
     Fmm,
+    /// Monte Carlo: rays from every point
+    Gather,
     /// What is cheaper
     Auto,
 }
@@ -172,12 +179,19 @@ pub fn run(args: &Args) -> Result<Done> {
     })
 }
 
+/// As many as a surfel can cast.
+fn rays() -> clap::builder::RangedI64ValueParser<u32> {
+    let [least, most] = [RAYS.start(), RAYS.end()].map(|&n| i64::from(n));
+    clap::value_parser!(u32).range(least..=most)
+}
+
 impl Args {
     fn options(&self) -> Options {
         Options {
             method: match self.method {
                 MethodArg::Direct => Method::Direct,
                 MethodArg::Fmm => Method::Fmm,
+                MethodArg::Gather => Method::Gather,
                 MethodArg::Auto => Method::Auto,
             },
             occlusion: match self.visibility {
@@ -187,6 +201,7 @@ impl Args {
             tolerance: self.tolerance,
             order: self.order.map(usize::from),
             max_bounces: self.max_bounces,
+            rays: self.rays,
             seed: self.seed,
         }
     }
@@ -246,6 +261,12 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
             }
         ),
     ];
+    if let (Some(rays), Some(error)) = (stats.rays, stats.standard_error) {
+        lines.push(format!(
+            "rays        {rays} from each point, which leave a standard error of {:.2}%",
+            100.0 * error
+        ));
+    }
     if let Some(sum) = stats.row_sum {
         lines.push(format!(
             "row sum     {:.4} at most, {:.4} on average (1 in a closed room)",

@@ -8,8 +8,8 @@ use super::BATCH;
 use crate::error::Result;
 use crate::points::Surfels;
 use crate::progress::Progress;
-use crate::random::{Purpose, stream};
-use crate::visibility::{NO_SURFEL, Segment, Visibility};
+use crate::random::{Purpose, cosine_direction, stream};
+use crate::visibility::{Segment, Visibility};
 
 /// Irradiance from a uniform sky all around that gives an open plane the irradiance `sky`: the
 /// share of cosine-weighted, stratified directions that leave the cloud.
@@ -25,11 +25,7 @@ pub fn sky(
 ) -> Result<Vec<DVec3>> {
     let strata = tolerance.powf(-2.0 / 3.0).ceil().clamp(4.0, 64.0) as usize;
     let directions = strata * strata;
-    let reach = 2.0
-        * surfels
-            .positions
-            .iter()
-            .fold(0.0_f32, |r, p| r.max(p.length()));
+    let reach = surfels.reach();
     let batch = (BATCH * 32 / directions).max(1);
     let mut irradiance = Vec::with_capacity(surfels.len());
     progress.stage("sky", surfels.len() as u64);
@@ -41,7 +37,6 @@ pub fn sky(
             .into_par_iter()
             .flat_map_iter(|i| {
                 let mut random = stream(seed, Purpose::Sky, i as u64);
-                let from = surfels.above(i);
                 (0..directions).map(move |k| {
                     let u = (k / strata) as f32 + random.random::<f32>();
                     let v = (k % strata) as f32 + random.random::<f32>();
@@ -51,12 +46,7 @@ pub fn sky(
                         u / strata as f32,
                         v / strata as f32,
                     );
-                    Segment {
-                        from: from.to_array(),
-                        skip_from: i as u32,
-                        to: (from + way * reach).to_array(),
-                        skip_to: NO_SURFEL,
-                    }
+                    surfels.ray(i, way * reach)
                 })
             })
             .collect();
@@ -68,13 +58,4 @@ pub fn sky(
         progress.advance((last - first) as u64);
     }
     Ok(irradiance)
-}
-
-/// Cosine-weighted direction about `normal` for (u, v) in the unit square (Malley's method).
-fn cosine_direction(normal: Vec3, tangent: Vec3, u: f32, v: f32) -> Vec3 {
-    let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
-    let radius = u.sqrt();
-    tangent * (radius * cos)
-        + normal.cross(tangent) * (radius * sin)
-        + normal * (1.0 - u).max(0.0).sqrt()
 }
