@@ -1,25 +1,12 @@
 //! The program from outside: words and exit codes.
 
+mod program;
+
 use std::fs;
 use std::path::Path;
 
-use assert_cmd::Command;
-use assert_cmd::assert::Assert;
+use program::{SCAN, command, fails, folder, run};
 use tempfile::TempDir;
-
-/// Two squares of surface that face each other.
-const SCAN: &str = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\n\
-    property float z\nproperty float nx\nproperty float ny\nproperty float nz\n\
-    property float area\nend_header\n\
-    0 0 0 0 0 1 1\n1 0 0 0 0 1 1\n0 1 0 0 0 1 1\n1 1 0 0 0 1 1\n\
-    0 0 1 0 0 -1 1\n1 0 1 0 0 -1 1\n0 1 1 0 0 -1 1\n1 1 1 0 0 -1 1\n";
-
-/// A folder with `scan.ply`.
-fn folder() -> TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("scan.ply"), SCAN).unwrap();
-    folder
-}
 
 /// Writes a scan with lines `x y z nx ny nz`.
 fn write_scan(folder: &TempDir, name: &str, points: &[&str]) {
@@ -32,40 +19,6 @@ fn write_scan(folder: &TempDir, name: &str, points: &[&str]) {
         points.join("\n")
     );
     fs::write(folder.path().join(name), scan).unwrap();
-}
-
-/// The program in a folder, with arguments that are parted by spaces.
-fn command(folder: &Path, args: &str) -> Command {
-    let mut command = Command::cargo_bin("fmmgi-gpu").unwrap();
-    command.current_dir(folder).args(args.split_whitespace());
-    command
-}
-
-fn run(folder: &Path, args: &str) -> Assert {
-    command(folder, args).assert()
-}
-
-/// Runs the program, which must fail with this code and these words and write nothing.
-fn fails(folder: &TempDir, args: &str, code: i32, words: &str) {
-    let names = || {
-        let mut names: Vec<_> = fs::read_dir(folder)
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name())
-            .collect();
-        names.sort();
-        names
-    };
-    let before = names();
-    let assert = run(folder.path(), args).code(code);
-    let output = assert.get_output();
-    let message = String::from_utf8_lossy(&output.stderr);
-    assert!(message.starts_with("error: "), "{args}: {message}");
-    assert!(
-        message.contains(words),
-        "{args}: {message:?} lacks {words:?}"
-    );
-    assert!(output.stdout.is_empty(), "{args}");
-    assert_eq!(names(), before, "{args}");
 }
 
 #[test]
@@ -304,7 +257,7 @@ fn clouds_without_surface_are_told() {
         ),
     ] {
         write_scan(&folder, "bad.ply", points);
-        for method in ["direct", "fmm"] {
+        for method in ["direct", "fmm", "gather"] {
             let args = format!(
                 "solve bad.ply --quiet --backend cpu --sky 1,1,1 -o out.ply --method {method}"
             );
@@ -328,7 +281,7 @@ fn points_that_cannot_take_part_are_counted() {
             "0 1 0 0 0 1",
         ],
     );
-    for method in ["direct", "fmm"] {
+    for method in ["direct", "fmm", "gather"] {
         let args = format!(
             "solve some.ply --backend cpu --sky 1,1,1 --light point:0,0,1e-9 --method {method}"
         );
@@ -445,6 +398,37 @@ fn every_order_solves() {
             let stats: serde_json::Value = serde_json::from_str(&stats).unwrap();
             assert_eq!(stats["order"], order, "{args}");
         }
+    }
+}
+
+#[test]
+fn rays_are_counted() {
+    let folder = folder();
+    for (rays, cast) in [("", 32), ("--rays 64", 64), ("--rays 100", 128)] {
+        let args = format!(
+            "solve scan.ply --method gather --backend cpu --light point:0.1,0.3,0.4 --tolerance 0.5 \
+             --stats stats.json {rays}"
+        );
+        let assert = run(folder.path(), &args).success();
+        let summary = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
+        assert!(
+            summary.contains(&format!("{cast} from each point")),
+            "{summary}"
+        );
+        let stats = fs::read_to_string(folder.path().join("stats.json")).unwrap();
+        let stats: serde_json::Value = serde_json::from_str(&stats).unwrap();
+        assert_eq!(stats["rays"], cast);
+        assert!(stats["standard_error"].as_f64().unwrap() < 0.5);
+    }
+    for (args, words) in [
+        ("--method gather --rays 1", "1 is not in 2..=65536"),
+        (
+            "--method gather --visibility none",
+            "the gather method follows rays",
+        ),
+    ] {
+        let args = format!("solve scan.ply --quiet --sky 1,1,1 {args}");
+        fails(&folder, &args, 2, words);
     }
 }
 

@@ -149,6 +149,7 @@ fn a_map_is_that_of_the_cpu() {
         tolerance: None,
         order: None,
         max_bounces: None,
+        rays: None,
         seed: 1,
     };
     let on_device = Backend::Gpu {

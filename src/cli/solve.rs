@@ -5,19 +5,17 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::ValueEnum;
-use fmmgi_gpu::illuminate::checks::Checks;
+use fmmgi_gpu::illuminate::{RAYS, checks::Checks};
 use fmmgi_gpu::output::{write_atomic, write_ply, write_stats};
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
-use fmmgi_gpu::visibility::{CpuVisibility, Occluders};
 use fmmgi_gpu::{
-    Error, Illumination, Method, Occlusion, Options, Progress, Result, Scene, Stats, illuminate,
-    memory, render,
+    Error, Method, Occlusion, Options, Progress, Result, Scene, Stats, illuminate, memory, render,
 };
 use glam::Vec3;
 
 use super::terminal::{self, Terminal};
 use super::values::{self, Size};
-use super::{Done, backend, outputs};
+use super::{Done, backend, outputs, picture};
 
 /// Compute the light at every point of a scan or a scene.
 ///
@@ -55,6 +53,10 @@ pub struct Args {
     /// as the tolerance needs]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(0..=12))]
     order: Option<u8>,
+    /// Rays from each point with --method gather, rounded up to a power of two [default: as many as the
+    /// tolerance needs]
+    #[arg(long, value_name = "N", value_parser = rays())]
+    rays: Option<u32>,
     /// What stands in the way of light
     #[arg(long, value_enum, default_value = "surfels")]
     visibility: VisibilityArg,
@@ -90,6 +92,8 @@ enum MethodArg {
     Direct,
     /// Fast multipole method
     Fmm,
+    /// Monte Carlo: rays from every point
+    Gather,
     /// What is cheaper
     Auto,
 }
@@ -141,7 +145,11 @@ pub fn run(args: &Args) -> Result<Done> {
     let png = args
         .image
         .as_ref()
-        .map(|_| picture(&scene, &result, args.size, &progress))
+        .map(|_| {
+            let (surfels, map) = (&result.surfels, &result.map);
+            let exposure = render::tone::exposure(&map.radiosity);
+            picture::take(&scene, surfels, map, args.size, exposure, &progress)
+        })
         .transpose()?;
     progress.check()?;
     progress.finish();
@@ -171,12 +179,19 @@ pub fn run(args: &Args) -> Result<Done> {
     })
 }
 
+/// As many as a surfel can cast.
+fn rays() -> clap::builder::RangedI64ValueParser<u32> {
+    let [least, most] = [RAYS.start(), RAYS.end()].map(|&n| i64::from(n));
+    clap::value_parser!(u32).range(least..=most)
+}
+
 impl Args {
     fn options(&self) -> Options {
         Options {
             method: match self.method {
                 MethodArg::Direct => Method::Direct,
                 MethodArg::Fmm => Method::Fmm,
+                MethodArg::Gather => Method::Gather,
                 MethodArg::Auto => Method::Auto,
             },
             occlusion: match self.visibility {
@@ -186,37 +201,10 @@ impl Args {
             tolerance: self.tolerance,
             order: self.order.map(usize::from),
             max_bounces: self.max_bounces,
+            rays: self.rays,
             seed: self.seed,
         }
     }
-}
-
-/// The bytes of a PNG file, taken with the scene's camera or one fitted to the cloud.
-fn picture(
-    scene: &Scene,
-    result: &Illumination,
-    size: Size,
-    progress: &dyn Progress,
-) -> Result<Vec<u8>> {
-    let camera = match scene.camera {
-        Some(camera) => camera,
-        None => {
-            let occluders = Occluders::build(&result.surfels);
-            let visibility = CpuVisibility::<f32>::new(&occluders);
-            let aspect = f64::from(size.width) / f64::from(size.height);
-            render::fit(&scene.cloud, &result.surfels, &visibility, aspect)?
-        }
-    };
-    let map = &result.map;
-    let image = render::picture(
-        &scene.cloud,
-        map,
-        &camera,
-        size.width,
-        size.height,
-        progress,
-    )?;
-    render::encode_png(&image, render::tone::exposure(&map.radiosity))
 }
 
 /// A scan has no lights of its own, and a black result would puzzle.
@@ -292,6 +280,12 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
             }
         ),
     ];
+    if let (Some(rays), Some(error)) = (stats.rays, stats.standard_error) {
+        lines.push(format!(
+            "rays        {rays} from each point, which leave a standard error of {:.2}%",
+            100.0 * error
+        ));
+    }
     if let Some(sum) = stats.row_sum {
         lines.push(format!(
             "row sum     {:.4} at most, {:.4} on average (1 in a closed room)",

@@ -1,6 +1,7 @@
 //! The main job: scene in, illumination map and what it took out.
 
 pub mod checks;
+mod rays;
 pub mod stats;
 mod task;
 mod work;
@@ -10,10 +11,12 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
+pub use self::rays::RAYS;
 use self::stats::{Seconds, Stats};
 use self::task::Task;
+use self::work::Work;
 use crate::error::{Error, Result};
-use crate::links;
+use crate::links::{self, Links};
 use crate::map::IlluminationMap;
 use crate::octree::{LEAF_SIZE, Octree};
 use crate::operator::{Fmm, GpuFmm};
@@ -31,6 +34,8 @@ pub enum Method {
     Direct,
     /// Links between facets, expansions, tested visibility.
     Fmm,
+    /// Rays from every surfel, whose hits are kept for all bounces.
+    Gather,
     /// `Direct` where that is cheaper, otherwise `Fmm`.
     #[default]
     Auto,
@@ -60,6 +65,9 @@ pub struct Options {
     pub order: Option<usize>,
     /// Bounces to follow; `None` goes on until the solution stands.
     pub max_bounces: Option<u32>,
+    /// Rays from each surfel with the method `Gather`, rounded up to a power of two; `None` casts as
+    /// many as the tolerance needs.
+    pub rays: Option<u32>,
     /// Seed of all samples: the same seed gives the same bits.
     pub seed: u64,
 }
@@ -122,7 +130,7 @@ pub fn illuminate(
     };
     let octree_seconds = clock.lap();
 
-    let method = choose(options.method, &backend, surfels.len())?;
+    let method = choose(options, &backend, surfels.len())?;
     let tester = tester(occluders.as_ref(), method, &backend)?;
     let visibility = Counted::new(tester.as_ref());
     let task = Task {
@@ -137,18 +145,22 @@ pub fn illuminate(
         progress,
     };
     let mut repairs = prepared.repairs.clone();
-    let solved = match (method, &backend) {
-        (Method::Direct, _) => task.direct(&mut repairs)?,
-        (_, Backend::Cpu) => task.fmm(&mut repairs, &|links, work| {
-            work.solve(&Fmm::<f32>::new(&surfels, &octree, links), progress)
-        })?,
-        (_, Backend::Gpu { device, queue, .. }) => {
-            let gpu = Gpu::new(device, queue);
-            task.fmm(&mut repairs, &|links, work| {
-                work.solve(&GpuFmm::new(&gpu, &surfels, &octree, links)?, progress)
-            })?
-        }
+    let device = match &backend {
+        Backend::Cpu => None,
+        Backend::Gpu { device, queue, .. } => Some(Gpu::new(device, queue)),
     };
+    let solve = |links: &Links, work: &Work| match &device {
+        None => work.solve(&Fmm::<f32>::new(&surfels, &octree, links), progress),
+        Some(gpu) => work.solve(&GpuFmm::new(gpu, &surfels, &octree, links)?, progress),
+    };
+    let solved = match (method, &occluders) {
+        (Method::Direct, _) => task.direct(&mut repairs)?,
+        (Method::Gather, Some(occluders)) => {
+            task.gather(occluders, options.rays, &mut repairs, &solve)?
+        }
+        _ => task.fmm(&mut repairs, &solve)?,
+    };
+    let casting = solved.rays.map_or(0.0, |rays| rays.seconds);
     let checks = solved.checked.map_or(0.0, |c| c.seconds);
     let rest = clock.lap();
     let map = IlluminationMap::new(&scene.cloud, &prepared, &surfels, &solved.irradiance);
@@ -172,13 +184,15 @@ pub fn illuminate(
             seconds: Seconds {
                 prepare,
                 octree: octree_seconds,
-                visibility: visibility.seconds(),
+                visibility: visibility.seconds() + casting,
                 solve: solved.seconds - checks,
                 checks,
-                links: (rest - visibility.seconds() - solved.seconds).max(0.0),
+                links: (rest - visibility.seconds() - casting - solved.seconds).max(0.0),
                 ..Seconds::default()
             },
             links: solved.links,
+            rays: solved.rays.map(|rays| rays.count),
+            standard_error: solved.rays.map(|rays| rays.standard_error),
             segments: visibility.segments(),
             peak_memory_bytes: None,
             row_sum: solved.checked.map(|c| c.row_sum),
@@ -222,9 +236,21 @@ fn expansions(
     Ok((order, leaf_size))
 }
 
-/// The method to use, if the backend can.
-fn choose(method: Method, backend: &Backend, surfels: usize) -> Result<Method> {
-    match (method, backend) {
+/// The method to use, if it can do what is asked for.
+fn choose(options: &Options, backend: &Backend, surfels: usize) -> Result<Method> {
+    match (options.method, backend) {
+        (Method::Gather, _) if options.occlusion == Occlusion::None => Err(Error::Usage(
+            "the gather method follows rays to the surface that they meet, which is in the way of \
+             all behind it: without occlusion use another method"
+                .into(),
+        )),
+        (Method::Gather, _) if options.rays.is_some_and(|n| !RAYS.contains(&n)) => {
+            Err(Error::Usage(format!(
+                "a surfel casts from {} to {} rays",
+                RAYS.start(),
+                RAYS.end()
+            )))
+        }
         (Method::Direct, Backend::Gpu { .. }) => Err(Error::Usage(
             "the direct method is the reference in f64 and runs on the CPU only: use --backend \
              cpu, or --method fmm"

@@ -18,7 +18,7 @@ pub struct Seconds {
     pub octree: f64,
     /// Finding links, without their segments.
     pub links: f64,
-    /// Testing segments, for links and lights.
+    /// Testing segments, for links and lights, and casting rays.
     pub visibility: f64,
     /// Applying the operator until convergence.
     pub solve: f64,
@@ -66,6 +66,10 @@ pub struct Stats {
     pub seconds: Seconds,
     /// Number of links by kind.
     pub links: BTreeMap<String, u64>,
+    /// Rays cast from each surfel, if any.
+    pub rays: Option<u32>,
+    /// Standard error of the irradiance that they leave, relative to its L2 norm.
+    pub standard_error: Option<f64>,
     /// Segments tested for visibility.
     pub segments: u64,
     /// Most memory of the process, where the system tells.

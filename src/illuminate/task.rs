@@ -1,4 +1,4 @@
-//! The two ways from lights to irradiance: exact sums, and links.
+//! The ways from lights to irradiance: exact sums, and links (for rays see `rays`).
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -6,6 +6,7 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 
 use super::checks::Checked;
+use super::rays::Rays;
 use super::work::{Bounced, Work};
 use crate::error::Result;
 use crate::lights;
@@ -50,9 +51,13 @@ pub(super) struct Solved {
     pub ended: Ended,
     pub checked: Option<Checked>,
     pub links: BTreeMap<String, u64>,
+    pub rays: Option<Rays>,
     /// Seconds of the solver, with those of the checks.
     pub seconds: f64,
 }
+
+/// How an operator made of links solves the equation, on one backend or the other.
+pub(super) type Solve<'a> = &'a dyn Fn(&Links, &Work) -> Result<Bounced>;
 
 impl Task<'_> {
     /// Everything by exact sums, the light of emitting surfels too.
@@ -78,22 +83,8 @@ impl Task<'_> {
 
     /// Lights per surfel, then links for what is reflected: rough ones first, whose solution says
     /// where light is strong and where it is weak, then those that keep the tolerance.
-    pub fn fmm(
-        &self,
-        repairs: &mut Vec<String>,
-        solve: &dyn Fn(&Links, &Work) -> Result<Bounced>,
-    ) -> Result<Solved> {
-        let mut lights = self.lights(repairs)?;
-        let emitted = lights::emitters(
-            self.surfels,
-            self.tolerance,
-            self.seed,
-            self.visibility,
-            self.progress,
-        )?;
-        for (light, emitted) in lights.iter_mut().zip(emitted) {
-            *light += emitted;
-        }
+    pub fn fmm(&self, repairs: &mut Vec<String>, solve: Solve) -> Result<Solved> {
+        let lights = self.direct_light(repairs)?;
         let reflectance = || self.surfels.reflectance.iter().map(|r| r.as_dvec3());
         let ambient: DVec3 = lights.iter().sum::<DVec3>() / lights.len() as f64;
         let guess: Vec<DVec3> = lights
@@ -102,15 +93,7 @@ impl Task<'_> {
             .map(|(h, r)| r * (*h + ambient))
             .collect();
         if guess.iter().all(|b| *b == DVec3::ZERO) || self.max_bounces == Some(0) {
-            // Nothing is reflected.
-            return Ok(Solved {
-                irradiance: lights,
-                ended: Ended {
-                    converged: true,
-                    ..Ended::default()
-                },
-                ..Solved::default()
-            });
+            return Ok(Solved::without_reflection(lights));
         }
         let rough_stop = Stop {
             residual: ROUGH_RESIDUAL,
@@ -142,12 +125,9 @@ impl Task<'_> {
             irradiance: fine.irradiance,
             ended: fine.ended,
             checked: fine.checked,
-            links: links
-                .counts()
-                .map(|(kind, n)| (kind.to_owned(), n))
-                .into_iter()
-                .collect(),
+            links: counts(&links),
             seconds,
+            ..Solved::default()
         })
     }
 
@@ -157,6 +137,22 @@ impl Task<'_> {
             true => links::build_open(surfels, octree, accuracy, progress),
             false => links::build(surfels, octree, accuracy, self.visibility, progress),
         }
+    }
+
+    /// Point lights, sky and emitters.
+    pub(super) fn direct_light(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {
+        let mut lights = self.lights(repairs)?;
+        let emitted = lights::emitters(
+            self.surfels,
+            self.tolerance,
+            self.seed,
+            self.visibility,
+            self.progress,
+        )?;
+        for (light, emitted) in lights.iter_mut().zip(emitted) {
+            *light += emitted;
+        }
+        Ok(lights)
     }
 
     /// Point lights and sky.
@@ -209,7 +205,12 @@ impl Task<'_> {
         )
     }
 
-    fn work<'w>(&'w self, lights: &'w [DVec3], start: Option<&'w [DVec3]>, stop: Stop) -> Work<'w> {
+    pub(super) fn work<'w>(
+        &'w self,
+        lights: &'w [DVec3],
+        start: Option<&'w [DVec3]>,
+        stop: Stop,
+    ) -> Work<'w> {
         Work {
             surfels: self.surfels,
             lights,
@@ -219,10 +220,29 @@ impl Task<'_> {
         }
     }
 
-    fn stop(&self) -> Stop {
+    pub(super) fn stop(&self) -> Stop {
         Stop {
             residual: (0.03 * self.tolerance).clamp(LEAST_RESIDUAL, 1e-3),
             bounces: self.max_bounces,
         }
     }
+}
+
+impl Solved {
+    /// Light straight from the lights is all there is.
+    pub(super) fn without_reflection(irradiance: Vec<DVec3>) -> Solved {
+        Solved {
+            irradiance,
+            ended: Ended {
+                converged: true,
+                ..Ended::default()
+            },
+            ..Solved::default()
+        }
+    }
+}
+
+pub(super) fn counts(links: &Links) -> BTreeMap<String, u64> {
+    let counts = links.counts().map(|(kind, n)| (kind.to_owned(), n));
+    counts.into_iter().collect()
 }

@@ -8,8 +8,8 @@ use super::BATCH;
 use crate::error::Result;
 use crate::points::Surfels;
 use crate::progress::Progress;
-use crate::random::{Purpose, stream};
-use crate::visibility::{NO_SURFEL, Segment, Visibility};
+use crate::random::{Purpose, cosine_direction, stream};
+use crate::visibility::{Segment, Visibility};
 
 /// Irradiance from a uniform sky all around that gives an open plane the irradiance `sky`: the
 /// share of cosine-weighted, stratified directions that leave the cloud.
@@ -48,42 +48,26 @@ pub(crate) fn visible_sky(
     visibility: &dyn Visibility,
 ) -> Result<Vec<f64>> {
     let directions = strata * strata;
-    let positions = surfels.positions.par_iter();
-    let reach = 2.0 * positions.map(|p| p.length()).reduce(|| 0.0, f32::max);
+    let reach = surfels.reach();
     let segments: Vec<Segment> = some
         .par_iter()
         .flat_map_iter(|&i| {
             let mut random = stream(seed, purpose, i.into());
-            let surfel = i as usize;
-            let from = surfels.above(surfel);
+            let i = i as usize;
             (0..directions).map(move |k| {
                 let u = (k / strata) as f32 + random.random::<f32>();
                 let v = (k % strata) as f32 + random.random::<f32>();
                 let way = cosine_direction(
-                    surfels.normals[surfel],
-                    surfels.cells.tangents[surfel],
+                    surfels.normals[i],
+                    surfels.cells.tangents[i],
                     u / strata as f32,
                     v / strata as f32,
                 );
-                Segment {
-                    from: from.to_array(),
-                    skip_from: i,
-                    to: (from + way * reach).to_array(),
-                    skip_to: NO_SURFEL,
-                }
+                surfels.ray(i, way * reach)
             })
         })
         .collect();
     let visible = visibility.visible(&segments)?;
     let share = |seen: &[bool]| seen.iter().filter(|&&v| v).count() as f64 / directions as f64;
     Ok(visible.chunks(directions).map(share).collect())
-}
-
-/// Cosine-weighted direction about `normal` for (u, v) in the unit square (Malley's method).
-fn cosine_direction(normal: Vec3, tangent: Vec3, u: f32, v: f32) -> Vec3 {
-    let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
-    let radius = u.sqrt();
-    tangent * (radius * cos)
-        + normal.cross(tangent) * (radius * sin)
-        + normal * (1.0 - u).max(0.0).sqrt()
 }

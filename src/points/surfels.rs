@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::memory;
 use crate::progress::Progress;
 use crate::scene::BRIGHTEST;
-use crate::visibility::Segment;
+use crate::visibility::{NO_SURFEL, Segment};
 
 /// The points that take part in the transport.
 ///
@@ -51,6 +51,20 @@ pub struct Prepared {
     pub surfel_of_point: Vec<Option<u32>>,
     /// What was left out or merged, with counts.
     pub repairs: Vec<String>,
+}
+
+impl Prepared {
+    /// For each point of the cloud its surfel's place among `surfels`, which are the prepared ones
+    /// in any order.
+    pub fn places(&self, surfels: &Surfels) -> Vec<Option<u32>> {
+        let mut place_of_point = vec![0; self.surfel_of_point.len()];
+        for (place, &point) in surfels.points.iter().enumerate() {
+            place_of_point[point as usize] = place as u32;
+        }
+        let own_point = |s: u32| self.surfels.points[s as usize] as usize;
+        let place = |surfel: &Option<u32>| surfel.map(|s| place_of_point[own_point(s)]);
+        self.surfel_of_point.iter().map(place).collect()
+    }
 }
 
 /// Cells made between two looks at whether the work should stop.
@@ -157,6 +171,23 @@ impl Surfels {
             to: self.above(j).to_array(),
             skip_to: j as u32,
         }
+    }
+
+    /// A segment from above a surfel to anywhere, its own cell not in the way.
+    pub fn ray(&self, i: usize, way: Vec3) -> Segment {
+        let from = self.above(i);
+        Segment {
+            from: from.to_array(),
+            skip_from: i as u32,
+            to: (from + way).to_array(),
+            skip_to: NO_SURFEL,
+        }
+    }
+
+    /// Length at which a ray from any surfel has left the cloud.
+    pub fn reach(&self) -> f32 {
+        let farthest = |r: f32, p: &Vec3| r.max(p.length());
+        2.0 * self.positions.iter().fold(0.0, farthest)
     }
 
     /// Where segments that end at a surfel end: its position, lifted along the normal.

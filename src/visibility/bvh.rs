@@ -1,10 +1,14 @@
-//! The cells as occluders under a bounding volume hierarchy, in the layout that CPU and GPU share.
+//! The cells as occluders under a bounding volume hierarchy, in the layouts of GPU and CPU.
+
+use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
 
 use crate::points::{MAX_EDGES, Surfels};
+
+use super::wide::{WideNode, widened};
 
 /// Most occluders in a leaf.
 const LEAF: usize = 4;
@@ -52,8 +56,10 @@ pub struct Occluder {
 /// The cells of a cloud, ready for segments to be tested against.
 #[derive(Clone, Debug)]
 pub struct Occluders {
-    /// At least one node; the root's `skip` is their number.
+    /// At least one node; the root's `skip` is their number. Devices walk them.
     pub nodes: Vec<Node>,
+    /// The same hierarchy for the CPU.
+    pub wide: Vec<WideNode>,
     /// In the order of the leaves.
     pub occluders: Vec<Occluder>,
 }
@@ -62,11 +68,16 @@ impl Node {
     /// Low bits of `leaf` that hold the number of occluders.
     pub const COUNT_BITS: u32 = 3;
 
-    /// The occluders of a leaf; none of an inner node.
+    /// The occluders of a leaf, as `leaf` says them.
     #[inline(always)]
-    pub fn occluders(&self) -> std::ops::Range<usize> {
-        let first = (self.leaf >> Self::COUNT_BITS) as usize;
-        first..first + (self.leaf & ((1 << Self::COUNT_BITS) - 1)) as usize
+    pub(super) fn occluders_of(leaf: u32) -> Range<usize> {
+        let first = (leaf >> Self::COUNT_BITS) as usize;
+        first..first + (leaf & ((1 << Self::COUNT_BITS) - 1)) as usize
+    }
+
+    /// Half the surface of the box: its chance to be met, up to a factor.
+    pub(super) fn area(&self) -> f32 {
+        half_area(Vec3A::from(self.max) - Vec3A::from(self.min))
     }
 }
 
@@ -76,37 +87,46 @@ impl Occluders {
     ///
     /// The result depends on the input only, not on the number of threads.
     pub fn build(surfels: &Surfels) -> Occluders {
-        let mut items: Vec<Item> = (0..surfels.len())
+        let cells: Vec<Item> = (0..surfels.len())
             .into_par_iter()
-            .filter_map(|i| Item::new(surfels, i))
+            .filter_map(|i| Item::cell(surfels, i))
             .collect();
-        let mut reaches: Vec<f32> = items.par_iter().map(Item::reach).collect();
-        let middle = reaches.len() / 2;
-        let extent = match reaches.is_empty() {
-            true => 0.0,
-            false => USUAL * *reaches.select_nth_unstable_by(middle, f32::total_cmp).1,
-        };
-        items.par_iter_mut().for_each(|item| {
-            let padding = Vec3A::splat(PADDING * item.reach().max(extent));
-            item.min -= padding;
-            item.max += padding;
-        });
-
-        let mut nodes = Vec::with_capacity(items.len());
-        if items.is_empty() {
-            nodes.push(Node {
-                skip: 1,
-                ..Node::default()
-            });
-        } else {
-            subtree(&mut items, 0, 0, &mut nodes);
-        }
-        let occluders = items
+        let (nodes, cells) = hierarchy(cells);
+        let occluders = cells
             .par_iter()
             .map(|item| Occluder::new(surfels, item.surfel as usize))
             .collect();
-        Occluders { nodes, occluders }
+        Occluders {
+            wide: widened(&nodes),
+            nodes,
+            occluders,
+        }
     }
+}
+
+/// The hierarchy over some boxes, at least one node, and the boxes in the order of its leaves.
+pub(super) fn hierarchy(mut items: Vec<Item>) -> (Vec<Node>, Vec<Item>) {
+    let mut reaches: Vec<f32> = items.par_iter().map(Item::reach).collect();
+    let middle = reaches.len() / 2;
+    let extent = match reaches.is_empty() {
+        true => 0.0,
+        false => USUAL * *reaches.select_nth_unstable_by(middle, f32::total_cmp).1,
+    };
+    items.par_iter_mut().for_each(|item| {
+        let padding = Vec3A::splat(PADDING * item.reach().max(extent));
+        item.min -= padding;
+        item.max += padding;
+    });
+    let mut nodes = Vec::with_capacity(items.len());
+    if items.is_empty() {
+        nodes.push(Node {
+            skip: 1,
+            ..Node::default()
+        });
+    } else {
+        subtree(&mut items, 0, 0, &mut nodes);
+    }
+    (nodes, items)
 }
 
 impl Occluder {
@@ -129,17 +149,17 @@ fn scaled_corners(surfels: &Surfels, i: usize) -> [Vec2; MAX_EDGES] {
     surfels.cells.corners[i].map(|c| c * surfels.occluder_scale)
 }
 
-/// A cell while the tree is being built.
+/// The box of a surfel's cell, or of what else is to be met, while the tree is being built.
 #[derive(Clone, Copy)]
-struct Item {
-    min: Vec3A,
-    max: Vec3A,
-    surfel: u32,
+pub(super) struct Item {
+    pub min: Vec3A,
+    pub max: Vec3A,
+    pub surfel: u32,
 }
 
 impl Item {
     /// `None` for a cell without an area.
-    fn new(surfels: &Surfels, i: usize) -> Option<Item> {
+    fn cell(surfels: &Surfels, i: usize) -> Option<Item> {
         let corners = scaled_corners(surfels, i);
         let twice_area: f32 = (0..MAX_EDGES)
             .map(|k| corners[k].perp_dot(corners[(k + 1) % MAX_EDGES]))
@@ -314,7 +334,11 @@ impl Bin {
         if self.count == 0 {
             return 0.0;
         }
-        let d = self.max - self.min;
-        (d.x * d.y + d.y * d.z + d.z * d.x) * self.count as f32
+        half_area(self.max - self.min) * self.count as f32
     }
+}
+
+/// Half the surface of a box of this size.
+fn half_area(d: Vec3A) -> f32 {
+    d.x * d.y + d.y * d.z + d.z * d.x
 }

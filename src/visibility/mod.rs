@@ -1,9 +1,13 @@
-//! Who sees whom: segments tested against the cells of the surfels.
+//! Who sees whom: segments tested against the cells of the surfels, or, as in the report, against
+//! the points near them.
 
 mod bvh;
 mod counted;
 mod pairs;
+mod point_visible;
+mod seen;
 mod segment;
+mod wide;
 
 use std::marker::PhantomData;
 
@@ -14,8 +18,13 @@ use crate::math::Real;
 
 pub use bvh::{Node, Occluder, Occluders};
 pub use counted::Counted;
-pub use pairs::{BySegment, PointVisibility, face};
-pub use segment::{blocked, meets_cell};
+pub use pairs::{BySegment, PointVisibility, face, of_facing};
+pub use point_visible::{
+    CpuPointVisibility, LOOKUP, MAX_CLOSEST, Point, PointTest, Points, segment_of,
+};
+pub use seen::Seen;
+pub use segment::{Hit, RIM, blocked, first_hit, meeting};
+pub use wide::WideNode;
 
 /// Stands for "no surfel" in [`Segment`]'s skip fields.
 pub const NO_SURFEL: u32 = u32::MAX;
