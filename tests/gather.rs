@@ -313,7 +313,7 @@ fn threads_change_nothing_and_seeds_do() {
     assert_ne!(one, on(3, 2));
 }
 
-/// Measured: 3e-7.
+/// Measured: 6e-9.
 #[test]
 fn a_device_finds_the_same_light() {
     let scene = scene("cornell", 3000);
