@@ -50,8 +50,8 @@ pub struct Args {
     /// Relative error to aim at, 1e-6 to 0.5 [default: the scene's, or 0.03]
     #[arg(long, value_name = "T", value_parser = values::tolerance, allow_hyphen_values = true)]
     tolerance: Option<f64>,
-    /// Largest order of the expansions, up to 12, on a GPU to 6 [default: 1, without occlusion 2 to 6
-    /// as the tolerance needs]
+    /// Largest order of the expansions, up to 12, on a GPU to 6 [default: 1, without occlusion and
+    /// for classic 2 to 6 as the tolerance needs]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(0..=12))]
     order: Option<u8>,
     /// What stands in the way of light
@@ -89,6 +89,8 @@ enum MethodArg {
     Direct,
     /// Fast multipole method
     Fmm,
+    /// Multipole method with the visibility of Goradia's report, which tests all pairs of points
+    Classic,
     /// What is cheaper
     Auto,
 }
@@ -176,6 +178,7 @@ impl Args {
             method: match self.method {
                 MethodArg::Direct => Method::Direct,
                 MethodArg::Fmm => Method::Fmm,
+                MethodArg::Classic => Method::Classic,
                 MethodArg::Auto => Method::Auto,
             },
             occlusion: match self.visibility {

@@ -10,7 +10,7 @@ use glam::{DVec3, Vec3};
 use serde::Serialize;
 
 use self::stats::{Seconds, Stats};
-use self::task::Task;
+use self::task::{Solved, Task, named};
 use crate::error::{Error, Result};
 use crate::links;
 use crate::map::IlluminationMap;
@@ -20,7 +20,9 @@ use crate::passes::gpu::{self, Gpu, GpuVisibility};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
-use crate::visibility::{Counted, CpuVisibility, NothingInTheWay, Occluders, Visibility};
+use crate::visibility::{
+    BySegment, Counted, CpuVisibility, NothingInTheWay, Occluders, Visibility,
+};
 
 /// How the transport operator is applied.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -30,7 +32,9 @@ pub enum Method {
     Direct,
     /// Links between facets, expansions, tested visibility.
     Fmm,
-    /// `Direct` where that is cheaper, otherwise `Fmm`.
+    /// The adaptive lists and the hierarchical visibility of Goradia's report: tests all pairs.
+    Classic,
+    /// `Direct` where that is cheaper, otherwise `Fmm`. Never `Classic`.
     #[default]
     Auto,
 }
@@ -55,7 +59,8 @@ pub struct Options {
     pub occlusion: Occlusion,
     /// Relative error asked for; `None` takes the scene's, or 0.03.
     pub tolerance: Option<f64>,
-    /// Largest order of the expansions; `None` takes 1, without occlusion what the tolerance needs.
+    /// Largest order of the expansions; `None` takes 1, and without occlusion or by the classic method
+    /// what the tolerance needs.
     pub order: Option<usize>,
     /// Bounces to follow; `None` goes on until the solution stands.
     pub max_bounces: Option<u32>,
@@ -138,6 +143,30 @@ pub fn illuminate(
     let mut repairs = prepared.repairs.clone();
     let solved = match (method, &backend) {
         (Method::Direct, _) => task.direct(&mut repairs)?,
+        (Method::Classic, _) => {
+            let points = BySegment {
+                surfels: &surfels,
+                visibility: &visibility,
+            };
+            let (links, states) = task.classic_links(&points)?;
+            let solved = match &backend {
+                Backend::Cpu => {
+                    let operator = Fmm::<f32>::new(&surfels, &octree, &links);
+                    task.by_operator(&operator, &mut repairs)?
+                }
+                Backend::Gpu { device, queue, .. } => {
+                    let gpu = Gpu::new(device, queue);
+                    let operator = GpuFmm::new(&gpu, &surfels, &octree, &links)?;
+                    task.by_operator(&operator, &mut repairs)?
+                }
+            };
+            let mut counts = named(links.counts());
+            counts.extend(named(states.counts()));
+            Solved {
+                links: counts,
+                ..solved
+            }
+        }
         (_, Backend::Cpu) => task.fmm(&mut repairs, &|links, work| {
             work.solve(&Fmm::<f32>::new(&surfels, &octree, links), progress)
         })?,
@@ -161,7 +190,7 @@ pub fn illuminate(
             backend: name.into(),
             adapter,
             tolerance,
-            order: (method == Method::Fmm).then_some(order),
+            order: (method != Method::Direct).then_some(order),
             iterations: solved.ended.iterations,
             residual: solved.ended.residual,
             converged: solved.ended.converged,
@@ -183,7 +212,7 @@ pub fn illuminate(
     })
 }
 
-/// Order of the expansions where visibility is tested: that is what limits their accuracy.
+/// Order of the expansions of links whose visibility is sampled: that is what limits their accuracy.
 const ORDER: usize = 1;
 /// Highest order on the CPU. In f32 rounding leaves nothing to gain beyond.
 const MAX_ORDER: usize = 12;
@@ -196,7 +225,8 @@ fn expansions(
     backend: &Backend,
 ) -> Result<(usize, usize)> {
     let open = options.occlusion == Occlusion::None;
-    let order = options.order.unwrap_or(match open {
+    let classic = options.method == Method::Classic;
+    let order = options.order.unwrap_or(match open || classic {
         true => links::open::order(tolerance),
         false => ORDER,
     });
@@ -209,9 +239,10 @@ fn expansions(
             "order {order}: expansions {place} have orders up to {most}"
         )));
     }
-    let leaf_size = match open {
-        true => links::open::leaf_size(order, surfels),
-        false => LEAF_SIZE,
+    let leaf_size = match (open, classic) {
+        (true, _) => links::open::leaf_size(order, surfels),
+        (false, true) => links::CLASSIC_LEAF_SIZE,
+        (false, false) => LEAF_SIZE,
     };
     Ok((order, leaf_size))
 }

@@ -1,4 +1,4 @@
-//! The two ways from lights to irradiance: exact sums, and links.
+//! The ways from lights to irradiance: exact sums, links, and the lists of the report.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -9,14 +9,14 @@ use super::stats::RowSum;
 use super::work::{Bounced, Work};
 use crate::error::Result;
 use crate::lights;
-use crate::links::{self, Accuracy, Links};
+use crate::links::{self, Accuracy, Links, States, Thresholds};
 use crate::octree::Octree;
-use crate::operator::{Direct, TransportOperator};
+use crate::operator::{Direct, Fields, TransportOperator};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::solve::{Ended, Stop};
-use crate::visibility::{Counted, Visibility};
+use crate::visibility::{Counted, PointVisibility, Visibility};
 
 /// Allowed error of a link with tested visibility in units of the tolerance and the mean irradiance.
 /// How errors of many links add up is measured: allowed 0.015, the scenes are off by 0.007 to 0.016
@@ -55,18 +55,41 @@ pub(super) struct Solved {
 }
 
 impl Task<'_> {
-    /// Everything by exact sums, the light of emitting surfels too.
+    /// Everything by exact sums.
     pub fn direct(&self, repairs: &mut Vec<String>) -> Result<Solved> {
         let operator = Direct::new(self.surfels, self.visibility, self.progress)?;
+        self.by_operator(&operator, repairs)
+    }
+
+    /// The adaptive lists of those that see each other, with what it took to find them.
+    pub fn classic_links(&self, points: &dyn PointVisibility) -> Result<(Links, States)> {
+        let (surfels, octree, progress) = (self.surfels, self.octree, self.progress);
+        let thresholds = match self.visibility.is_open() {
+            true => Thresholds::OPEN,
+            false => Thresholds::default(),
+        };
+        let states = States::find(octree, &thresholds, points, progress)?;
+        let links = links::classic(octree, surfels, self.order, &states, points, progress)?;
+        Ok((links, states))
+    }
+
+    /// Everything by one operator, the light of emitting surfels too.
+    pub fn by_operator<O: TransportOperator>(
+        &self,
+        operator: &O,
+        repairs: &mut Vec<String>,
+    ) -> Result<Solved> {
         let mut lights = self.lights(repairs)?;
         let emission: Vec<DVec3> = self.surfels.emission.iter().map(|e| e.as_dvec3()).collect();
         let start = Instant::now();
-        for (light, emitted) in lights.iter_mut().zip(operator.apply(&emission)?) {
+        let fields = operator.fields();
+        let emitted = fields.download(&operator.apply(&fields.upload(&emission)?)?)?;
+        for (light, emitted) in lights.iter_mut().zip(emitted) {
             *light += emitted;
         }
         let bounced = self
             .work(&lights, None, self.stop())
-            .solve(&operator, self.progress)?;
+            .solve(operator, self.progress)?;
         Ok(Solved {
             irradiance: bounced.irradiance,
             ended: bounced.ended,
@@ -136,11 +159,7 @@ impl Task<'_> {
             irradiance: fine.irradiance,
             ended: fine.ended,
             row_sum: Some(fine.row_sum),
-            links: links
-                .counts()
-                .map(|(kind, n)| (kind.to_owned(), n))
-                .into_iter()
-                .collect(),
+            links: named(links.counts()),
             seconds,
         })
     }
@@ -218,4 +237,10 @@ impl Task<'_> {
             bounces: self.max_bounces,
         }
     }
+}
+
+/// Counts as the stats take them.
+pub(super) fn named<const N: usize>(counts: [(&str, u64); N]) -> BTreeMap<String, u64> {
+    let owned = counts.into_iter().map(|(kind, n)| (kind.to_owned(), n));
+    owned.collect()
 }

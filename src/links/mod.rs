@@ -3,6 +3,7 @@
 mod accuracy;
 mod adaptive;
 mod build;
+mod classic;
 mod csr;
 mod dual;
 mod facing;
@@ -15,6 +16,7 @@ mod walk;
 pub use accuracy::Accuracy;
 pub use adaptive::adaptive;
 pub use build::build;
+pub use classic::{CLASSIC_LEAF_SIZE, State, States, Tally, Thresholds, classic};
 pub use csr::{Entry, Rows};
 pub use dual::{Mac, THETA, Verdict, dual};
 pub use facing::{Cosines, Facing};
