@@ -76,37 +76,42 @@ impl Occluders {
     ///
     /// The result depends on the input only, not on the number of threads.
     pub fn build(surfels: &Surfels) -> Occluders {
-        let mut items: Vec<Item> = (0..surfels.len())
+        let cells: Vec<Item> = (0..surfels.len())
             .into_par_iter()
-            .filter_map(|i| Item::new(surfels, i))
+            .filter_map(|i| Item::cell(surfels, i))
             .collect();
-        let mut reaches: Vec<f32> = items.par_iter().map(Item::reach).collect();
-        let middle = reaches.len() / 2;
-        let extent = match reaches.is_empty() {
-            true => 0.0,
-            false => USUAL * *reaches.select_nth_unstable_by(middle, f32::total_cmp).1,
-        };
-        items.par_iter_mut().for_each(|item| {
-            let padding = Vec3A::splat(PADDING * item.reach().max(extent));
-            item.min -= padding;
-            item.max += padding;
-        });
-
-        let mut nodes = Vec::with_capacity(items.len());
-        if items.is_empty() {
-            nodes.push(Node {
-                skip: 1,
-                ..Node::default()
-            });
-        } else {
-            subtree(&mut items, 0, 0, &mut nodes);
-        }
-        let occluders = items
+        let (nodes, cells) = hierarchy(cells);
+        let occluders = cells
             .par_iter()
             .map(|item| Occluder::new(surfels, item.surfel as usize))
             .collect();
         Occluders { nodes, occluders }
     }
+}
+
+/// The hierarchy over some boxes, at least one node, and the boxes in the order of its leaves.
+pub(super) fn hierarchy(mut items: Vec<Item>) -> (Vec<Node>, Vec<Item>) {
+    let mut reaches: Vec<f32> = items.par_iter().map(Item::reach).collect();
+    let middle = reaches.len() / 2;
+    let extent = match reaches.is_empty() {
+        true => 0.0,
+        false => USUAL * *reaches.select_nth_unstable_by(middle, f32::total_cmp).1,
+    };
+    items.par_iter_mut().for_each(|item| {
+        let padding = Vec3A::splat(PADDING * item.reach().max(extent));
+        item.min -= padding;
+        item.max += padding;
+    });
+    let mut nodes = Vec::with_capacity(items.len());
+    if items.is_empty() {
+        nodes.push(Node {
+            skip: 1,
+            ..Node::default()
+        });
+    } else {
+        subtree(&mut items, 0, 0, &mut nodes);
+    }
+    (nodes, items)
 }
 
 impl Occluder {
@@ -129,17 +134,17 @@ fn scaled_corners(surfels: &Surfels, i: usize) -> [Vec2; MAX_EDGES] {
     surfels.cells.corners[i].map(|c| c * surfels.occluder_scale)
 }
 
-/// A cell while the tree is being built.
+/// The box of a surfel's cell, or of what else is to be met, while the tree is being built.
 #[derive(Clone, Copy)]
-struct Item {
-    min: Vec3A,
-    max: Vec3A,
-    surfel: u32,
+pub(super) struct Item {
+    pub min: Vec3A,
+    pub max: Vec3A,
+    pub surfel: u32,
 }
 
 impl Item {
     /// `None` for a cell without an area.
-    fn new(surfels: &Surfels, i: usize) -> Option<Item> {
+    fn cell(surfels: &Surfels, i: usize) -> Option<Item> {
         let corners = scaled_corners(surfels, i);
         let twice_area: f32 = (0..MAX_EDGES)
             .map(|k| corners[k].perp_dot(corners[(k + 1) % MAX_EDGES]))

@@ -3,6 +3,7 @@
 mod bvh;
 mod counted;
 mod pairs;
+mod point_visible;
 mod segment;
 
 use std::marker::PhantomData;
@@ -14,7 +15,8 @@ use crate::math::Real;
 
 pub use bvh::{Node, Occluder, Occluders};
 pub use counted::Counted;
-pub use pairs::{BySegment, PointVisibility, face};
+pub use pairs::{BySegment, PointVisibility, face, of_facing};
+pub use point_visible::{CpuPointVisibility, LOOKUP, MAX_CLOSEST, Point, PointTest, Points};
 pub use segment::{blocked, meets_cell};
 
 /// Stands for "no surfel" in [`Segment`]'s skip fields.

@@ -19,22 +19,31 @@ pub struct BySegment<'a> {
 
 impl PointVisibility for BySegment<'_> {
     fn visible(&self, pairs: &[[u32; 2]]) -> Result<Vec<bool>> {
-        let facing: Vec<bool> = pairs
-            .iter()
-            .map(|&[i, j]| face(self.surfels, i as usize, j as usize))
-            .collect();
-        let segments: Vec<Segment> = pairs
-            .iter()
-            .zip(&facing)
-            .filter(|&(_, &faces)| faces)
-            .map(|(&[i, j], _)| self.surfels.segment(i as usize, j as usize))
-            .collect();
-        let mut answers = self.visibility.visible(&segments)?.into_iter();
-        Ok(facing
-            .into_iter()
-            .map(|faces| faces && answers.next() == Some(true))
-            .collect())
+        of_facing(self.surfels, pairs, |facing| {
+            let segment = |&[i, j]: &[u32; 2]| self.surfels.segment(i as usize, j as usize);
+            let segments: Vec<Segment> = facing.iter().map(segment).collect();
+            self.visibility.visible(&segments)
+        })
     }
+}
+
+/// Decides those of the pairs that face each other; the others do not see each other.
+pub fn of_facing(
+    surfels: &Surfels,
+    pairs: &[[u32; 2]],
+    decide: impl FnOnce(&[[u32; 2]]) -> Result<Vec<bool>>,
+) -> Result<Vec<bool>> {
+    let faces: Vec<bool> = pairs
+        .iter()
+        .map(|&[i, j]| face(surfels, i as usize, j as usize))
+        .collect();
+    let facing = pairs.iter().zip(&faces).filter(|&(_, &faces)| faces);
+    let facing: Vec<[u32; 2]> = facing.map(|(&pair, _)| pair).collect();
+    let mut answers = decide(&facing)?.into_iter();
+    Ok(faces
+        .into_iter()
+        .map(|faces| faces && answers.next() == Some(true))
+        .collect())
 }
 
 /// Whether each of two surfels lies in front of the other (2.2.4.1 of the report).

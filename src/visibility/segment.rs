@@ -67,7 +67,7 @@ pub fn meets_cell<T: Real>(cell: &Occluder, from: T::Vec3, to: T::Vec3) -> bool 
 
 /// Whether a segment meets a box, which may err on the side of yes.
 #[inline(always)]
-fn meets_box<T: Real>(node: &Node, start: [T; 3], inverse: [T; 3]) -> bool {
+pub(super) fn meets_box<T: Real>(node: &Node, start: [T; 3], inverse: [T; 3]) -> bool {
     let mut near = T::ZERO;
     let mut far = T::ONE;
     for axis in 0..3 {
@@ -79,7 +79,7 @@ fn meets_box<T: Real>(node: &Node, start: [T; 3], inverse: [T; 3]) -> bool {
     near <= far * T::from_f32(ROUNDING)
 }
 
-fn inverse<T: Real>(x: T) -> T {
+pub(super) fn inverse<T: Real>(x: T) -> T {
     let smallest = T::from_f64(SMALLEST);
     if x.abs() >= smallest {
         T::ONE / x
@@ -102,6 +102,6 @@ fn greater<T: Real>(a: T, b: T) -> T {
 }
 
 #[inline(always)]
-fn vector<T: Real>(v: [f32; 3]) -> T::Vec3 {
+pub(super) fn vector<T: Real>(v: [f32; 3]) -> T::Vec3 {
     T::Vec3::from_f32(v.into())
 }

@@ -111,7 +111,7 @@ impl Visibility for GpuVisibility {
 }
 
 /// The first `bytes` of a buffer; the shader reads the length of its arrays from it.
-fn part(buffer: &wgpu::Buffer, bytes: usize) -> BindingResource<'_> {
+pub(super) fn part(buffer: &wgpu::Buffer, bytes: usize) -> BindingResource<'_> {
     BindingResource::Buffer(wgpu::BufferBinding {
         buffer,
         offset: 0,

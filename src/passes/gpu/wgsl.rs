@@ -40,6 +40,7 @@ macro_rules! stage {
 
 // Name, tables, light, shared texts.
 pub const VISIBILITY: Shader = stage!("visibility", ["nodes", "occluders"], [], []);
+pub const POINT_VISIBLE: Shader = stage!("point_visible", ["nodes", "points"], [], []);
 pub const P2M: Shader = stage!(
     "p2m",
     ["facets", "surfels", "radiosity"],
@@ -128,6 +129,7 @@ pub const EXPANSION_STAGES: &[&Shader] = &[&P2M, &M2M, &M2L, &P2L, &M2P, &L2L, &
 /// All of them.
 pub const SHADERS: &[&Shader] = &[
     &VISIBILITY,
+    &POINT_VISIBLE,
     &P2M,
     &M2M,
     &M2L,

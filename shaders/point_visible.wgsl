@@ -1,0 +1,214 @@
+// Points between two points: the twin of src/visibility/point_visible.rs, in the same order of
+// operations, so that both round alike where a driver leaves products and sums apart.
+// Tables: nodes (2 texels each), points (2 texels each).
+
+// What the texels of the tables hold.
+struct Node {
+    min: vec3<f32>,
+    skip: u32,
+    max: vec3<f32>,
+    leaf: u32,
+}
+
+struct Point {
+    position: vec3<f32>,
+    surfel: u32,
+    normal: vec3<f32>,
+    inverse_area: f32,
+}
+
+const LOOKUP = 6u;
+
+struct Test {
+    threshold: f32,
+    closest: u32,
+    // Δ²
+    limit: f32,
+    // Entries of the look-up table a spacing.
+    steps: f32,
+    lookup: array<vec4<f32>, 2>,
+}
+
+const NODE_TEXELS = 2u;
+const POINT_TEXELS = 2u;
+const COUNT_BITS = 3u;
+const MAX_CLOSEST = 16u;
+const SMALLEST = 1e-20;
+const ROUNDING = 1.0 + 4.0 * 1.1920929e-7;
+
+// Answers; 0 is what an output holds that no invocation has written.
+const UNKNOWN = 0u;
+const BLOCKED = 1u;
+const VISIBLE = 2u;
+
+@group(0) @binding(2) var<uniform> test: Test;
+// Places of two points among the points, the surfel of lower number first.
+@group(0) @binding(3) var<storage, read> pairs: array<vec2<u32>>;
+@group(0) @binding(4) var<storage, read_write> answers: array<u32>;
+
+struct Occluder {
+    distance: f32,
+    surfel: u32,
+    crossing: f32,
+}
+
+struct Ends {
+    p: vec3<f32>,
+    q: vec3<f32>,
+    way: vec3<f32>,
+    length_squared: f32,
+}
+
+// The occluders closest to the segment, nearest first.
+var<private> found: array<Occluder, MAX_CLOSEST>;
+
+// `dot` may add in another order.
+fn inner(a: vec3<f32>, b: vec3<f32>) -> f32 {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+fn inverse_of(v: vec3<f32>) -> vec3<f32> {
+    let smallest = select(vec3(SMALLEST), vec3(-SMALLEST), v < vec3(0.0));
+    return 1.0 / select(smallest, v, abs(v) >= vec3(SMALLEST));
+}
+
+fn meets_box(low: vec3<f32>, high: vec3<f32>, start: vec3<f32>, inverse: vec3<f32>) -> bool {
+    let a = (low - start) * inverse;
+    let b = (high - start) * inverse;
+    let enter = min(a, b);
+    let leave = max(a, b);
+    let near = max(max(0.0, enter.x), max(enter.y, enter.z));
+    let far = min(min(1.0, leave.x), min(leave.y, leave.z));
+    return near <= far * ROUNDING;
+}
+
+// A point as an occluder; its distance is Δ² if it is none.
+fn occluder(at: u32, ends: Ends) -> Occluder {
+    let first = points(at * POINT_TEXELS);
+    let second = reals(points(at * POINT_TEXELS + 1u));
+    let none = Occluder(test.limit, first.w, test.limit);
+    let x = reals(first).xyz;
+    let p = ends.p - x;
+    let q = ends.q - x;
+    let along = -inner(p, ends.way);
+    let across = p + ends.way * (along * (1.0 / ends.length_squared));
+    let distance = inner(across, across) * second.w;
+    let beside = along > 0.0 && along < ends.length_squared && distance < test.limit;
+    let a = inner(p, second.xyz);
+    let b = inner(q, second.xyz);
+    let crosses = (a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0);
+    if !(beside && crosses) {
+        return none;
+    }
+    let inverse = 1.0 / (b - a);
+    let hit = (p * b - q * a) * inverse;
+    let squared = inner(hit, hit);
+    let to_end = min(a * a, b * b) * (inverse * inverse) * ends.length_squared;
+    let crossing = squared * second.w;
+    if squared < to_end && crossing < test.limit {
+        return Occluder(distance, first.w, crossing);
+    }
+    return none;
+}
+
+fn entry(k: u32) -> f32 {
+    return test.lookup[k / 4u][k % 4u];
+}
+
+fn look_up(distance: f32) -> f32 {
+    let place = distance * test.steps;
+    if !(place < f32(LOOKUP - 1u)) {
+        return 1.0;
+    }
+    let cell = u32(place);
+    let low = entry(cell);
+    let high = entry(cell + 1u);
+    return low + (high - low) * (place - f32(cell));
+}
+
+// A driver may leave loops early (see turns.rs): then there is no answer.
+fn answer(places: vec2<u32>) -> u32 {
+    let p = reals(points(places.x * POINT_TEXELS)).xyz;
+    let q = reals(points(places.y * POINT_TEXELS)).xyz;
+    let way = q - p;
+    let ends = Ends(p, q, way, inner(way, way));
+    let inverse = inverse_of(way);
+    let most = min(test.closest, MAX_CLOSEST);
+    let end = nodes(0u).w;
+    var count = 0u;
+    var i = 0u;
+    while i < end {
+        var leaf = 0u;
+        while i < end && leaf == 0u {
+            let low = nodes(i * NODE_TEXELS);
+            let high = nodes(i * NODE_TEXELS + 1u);
+            let meets = meets_box(reals(low).xyz, reals(high).xyz, p, inverse);
+            leaf = select(0u, high.w, meets);
+            i += select(low.w, 1u, meets);
+        }
+        let first = leaf >> COUNT_BITS;
+        let last = first + (leaf & ((1u << COUNT_BITS) - 1u));
+        var at = first;
+        for (; at < last; at++) {
+            var new = occluder(at, ends);
+            if at == places.x || at == places.y || new.distance >= test.limit {
+                continue;
+            }
+            // What alone is enough needs no others.
+            if look_up(sqrt(new.crossing)) <= test.threshold {
+                return BLOCKED;
+            }
+            var k = 0u;
+            for (; k < count; k++) {
+                let old = found[k];
+                if new.distance < old.distance
+                    || (new.distance == old.distance && new.surfel < old.surfel) {
+                    found[k] = new;
+                    new = old;
+                }
+            }
+            if k < count {
+                return UNKNOWN;
+            }
+            if count < most {
+                found[count] = new;
+                count++;
+            }
+        }
+        if at < last {
+            return UNKNOWN;
+        }
+    }
+    // Those that are crossed closest to their middle decide.
+    var nearest = vec3(test.limit);
+    var k = 0u;
+    for (; k < count; k++) {
+        let crossing = found[k].crossing;
+        if crossing < nearest.x {
+            nearest = vec3(crossing, nearest.xy);
+        } else if crossing < nearest.y {
+            nearest = vec3(nearest.x, crossing, nearest.y);
+        } else if crossing < nearest.z {
+            nearest.z = crossing;
+        }
+    }
+    if i < end || k < count {
+        return UNKNOWN;
+    }
+    let root = sqrt(nearest);
+    let visibility = look_up(root.x) * look_up(root.y) * look_up(root.z);
+    return select(BLOCKED, VISIBLE, visibility > test.threshold);
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(
+    @builtin(local_invocation_index) local: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+) {
+    let i = invocation(local, group, groups);
+    if i >= arrayLength(&pairs) {
+        return;
+    }
+    answers[i] = answer(pairs[i]);
+}
