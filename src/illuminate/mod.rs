@@ -10,18 +10,18 @@ use glam::{DVec3, Vec3};
 use serde::Serialize;
 
 use self::stats::{Seconds, Stats};
-use self::task::{Solved, Task, named};
+use self::task::Task;
 use crate::error::{Error, Result};
 use crate::links;
 use crate::map::IlluminationMap;
 use crate::octree::{LEAF_SIZE, Octree};
 use crate::operator::{Fmm, GpuFmm};
-use crate::passes::gpu::{self, Gpu, GpuVisibility};
+use crate::passes::gpu::{self, Gpu, GpuPointVisibility, GpuVisibility};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
 use crate::visibility::{
-    BySegment, Counted, CpuVisibility, NothingInTheWay, Occluders, Visibility,
+    Counted, CpuPointVisibility, CpuVisibility, NothingInTheWay, Occluders, Visibility,
 };
 
 /// How the transport operator is applied.
@@ -143,29 +143,19 @@ pub fn illuminate(
     let mut repairs = prepared.repairs.clone();
     let solved = match (method, &backend) {
         (Method::Direct, _) => task.direct(&mut repairs)?,
-        (Method::Classic, _) => {
-            let points = BySegment {
-                surfels: &surfels,
-                visibility: &visibility,
-            };
-            let (links, states) = task.classic_links(&points)?;
-            let solved = match &backend {
-                Backend::Cpu => {
-                    let operator = Fmm::<f32>::new(&surfels, &octree, &links);
-                    task.by_operator(&operator, &mut repairs)?
-                }
-                Backend::Gpu { device, queue, .. } => {
-                    let gpu = Gpu::new(device, queue);
-                    let operator = GpuFmm::new(&gpu, &surfels, &octree, &links)?;
-                    task.by_operator(&operator, &mut repairs)?
-                }
-            };
-            let mut counts = named(links.counts());
-            counts.extend(named(states.counts()));
-            Solved {
-                links: counts,
-                ..solved
-            }
+        (Method::Classic, Backend::Cpu) => {
+            let points = CpuPointVisibility::<f32>::new(&surfels, task.thresholds().point);
+            task.classic(&points, |links| {
+                task.by_operator(&Fmm::<f32>::new(&surfels, &octree, links), &mut repairs)
+            })?
+        }
+        (Method::Classic, Backend::Gpu { device, queue, .. }) => {
+            let gpu = Gpu::new(device, queue);
+            let points = GpuPointVisibility::new(&gpu, &surfels, task.thresholds().point)?;
+            task.classic(&points, |links| {
+                let operator = GpuFmm::new(&gpu, &surfels, &octree, links)?;
+                task.by_operator(&operator, &mut repairs)
+            })?
         }
         (_, Backend::Cpu) => task.fmm(&mut repairs, &|links, work| {
             work.solve(&Fmm::<f32>::new(&surfels, &octree, links), progress)
@@ -175,6 +165,7 @@ pub fn illuminate(
             work.solve(&GpuFmm::new(&gpu, &surfels, &octree, links)?, progress)
         })?,
     };
+    let tests = visibility.seconds() + solved.tests;
     let rest = clock.lap();
     let map = IlluminationMap::new(&scene.cloud, &prepared, &surfels, &solved.irradiance);
     let (name, adapter) = match backend {
@@ -197,9 +188,9 @@ pub fn illuminate(
             seconds: Seconds {
                 prepare,
                 octree: octree_seconds,
-                visibility: visibility.seconds(),
+                visibility: tests,
                 solve: solved.seconds,
-                links: (rest - visibility.seconds() - solved.seconds).max(0.0),
+                links: (rest - tests - solved.seconds).max(0.0),
                 ..Seconds::default()
             },
             links: solved.links,

@@ -52,6 +52,8 @@ pub(super) struct Solved {
     pub links: BTreeMap<String, u64>,
     /// Seconds of the solver.
     pub seconds: f64,
+    /// Seconds of tests of other kinds than segments.
+    pub tests: f64,
 }
 
 impl Task<'_> {
@@ -61,16 +63,31 @@ impl Task<'_> {
         self.by_operator(&operator, repairs)
     }
 
-    /// The adaptive lists of those that see each other, with what it took to find them.
-    pub fn classic_links(&self, points: &dyn PointVisibility) -> Result<(Links, States)> {
+    /// Everything by the lists of the report, which `solve` applies.
+    pub fn classic(
+        &self,
+        points: &dyn PointVisibility,
+        solve: impl FnOnce(&Links) -> Result<Solved>,
+    ) -> Result<Solved> {
         let (surfels, octree, progress) = (self.surfels, self.octree, self.progress);
-        let thresholds = match self.visibility.is_open() {
-            true => Thresholds::OPEN,
-            false => Thresholds::default(),
-        };
-        let states = States::find(octree, &thresholds, points, progress)?;
+        let states = States::find(octree, &self.thresholds(), points, progress)?;
         let links = links::classic(octree, surfels, self.order, &states, points, progress)?;
-        Ok((links, states))
+        let solved = solve(&links)?;
+        let mut counts = named(links.counts());
+        counts.extend(named(states.counts()));
+        Ok(Solved {
+            links: counts,
+            tests: states.tally.seconds,
+            ..solved
+        })
+    }
+
+    /// Those of the classic method.
+    pub fn thresholds(&self) -> Thresholds {
+        match self.visibility.is_open() {
+            true => Thresholds::open(),
+            false => Thresholds::default(),
+        }
     }
 
     /// Everything by one operator, the light of emitting surfels too.
@@ -161,6 +178,7 @@ impl Task<'_> {
             row_sum: Some(fine.row_sum),
             links: named(links.counts()),
             seconds,
+            ..Solved::default()
         })
     }
 
@@ -240,7 +258,7 @@ impl Task<'_> {
 }
 
 /// Counts as the stats take them.
-pub(super) fn named<const N: usize>(counts: [(&str, u64); N]) -> BTreeMap<String, u64> {
+fn named<const N: usize>(counts: [(&str, u64); N]) -> BTreeMap<String, u64> {
     let owned = counts.into_iter().map(|(kind, n)| (kind.to_owned(), n));
     owned.collect()
 }

@@ -13,7 +13,7 @@ use crate::visibility::PointVisibility;
 const BATCH: [usize; 2] = [1 << 16, 1 << 20];
 
 /// Pairs of leaves, each in one order, a leaf with itself among them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tally {
     /// All of them.
     pub pairs: u64,
@@ -24,6 +24,8 @@ pub struct Tally {
     pub tested: u64,
     /// Pairs that see each other.
     pub visible: u64,
+    /// Seconds that the tests took.
+    pub seconds: f64,
 }
 
 impl Tally {
@@ -50,14 +52,14 @@ impl Tally {
         tally
     }
 
-    /// Says what is ahead, by the seconds that some of the pairs took.
-    fn tell(&self, tested: usize, seconds: f64, progress: &dyn Progress) {
+    /// Says what is ahead, by the seconds that the first pairs took.
+    fn tell(&self, tested: usize, progress: &dyn Progress) {
         let share = self.tested as f64 / tested.max(1) as f64;
         progress.note(&format!(
             "classic: tests {} pairs of surfels, about {:.0} s; cones prune {:.0}% of the pairs \
              of leaves",
             self.tested,
-            (seconds * share).ceil(),
+            (self.seconds * share).ceil(),
             100.0 * self.pruned as f64 / self.pairs as f64
         ));
     }
@@ -102,8 +104,9 @@ pub(super) fn find(
         }
         let start = Instant::now();
         let visible = points.visible(&surfels)?;
+        tally.seconds += start.elapsed().as_secs_f64();
         if size == BATCH[0] {
-            tally.tell(surfels.len(), start.elapsed().as_secs_f64(), progress);
+            tally.tell(surfels.len(), progress);
         }
         let mut answers = visible.as_slice();
         for (i, j) in leaves {

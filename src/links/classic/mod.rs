@@ -25,17 +25,19 @@ use crate::error::Result;
 use crate::octree::Octree;
 use crate::points::Surfels;
 use crate::progress::Progress;
-use crate::visibility::PointVisibility;
+use crate::visibility::{PointTest, PointVisibility};
 
 /// Surfels a leaf: what leaves do not see all of, the thresholds decide as a whole.
 pub const CLASSIC_LEAF_SIZE: usize = 4;
 
-/// When leaves see each other.
+/// When points and leaves see each other.
 ///
-/// Thresholds are parts of the points, not numbers of points as in the report, so that they mean
-/// the same whatever the size of a leaf. Both below 0 let all pairs pass.
+/// The thresholds of leaves are parts of their points, not numbers of points as in the report, so
+/// that they mean the same whatever the size of a leaf. Below 0 they let all pairs pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thresholds {
+    /// When points see each other (t1).
+    pub point: PointTest,
     /// A point sees a leaf if it sees more than this part (t2) of the leaf's points.
     pub point_leaf: f32,
     /// Two leaves see each other if more than this part (t3) of the points of both, taken together,
@@ -46,15 +48,22 @@ pub struct Thresholds {
 
 impl Thresholds {
     /// All pairs pass.
-    pub const OPEN: Thresholds = Thresholds {
-        point_leaf: -1.0,
-        leaf_leaf: -1.0,
-    };
+    pub fn open() -> Thresholds {
+        Thresholds {
+            point: PointTest {
+                threshold: -1.0,
+                ..PointTest::default()
+            },
+            point_leaf: -1.0,
+            leaf_leaf: -1.0,
+        }
+    }
 }
 
 impl Default for Thresholds {
     fn default() -> Self {
         Thresholds {
+            point: PointTest::default(),
             point_leaf: 0.5,
             leaf_leaf: 0.5,
         }
