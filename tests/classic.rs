@@ -9,7 +9,9 @@ use fmmgi_gpu::operator::{Direct, Fmm, TransportOperator};
 use fmmgi_gpu::points::Prepared;
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
-use fmmgi_gpu::visibility::{CpuPointVisibility, NothingInTheWay, PointTest, PointVisibility};
+use fmmgi_gpu::visibility::{
+    CpuPointVisibility, NothingInTheWay, PointTest, PointVisibility, face,
+};
 use fmmgi_gpu::{Result, Scene, Surfels};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
