@@ -1,7 +1,11 @@
 //! The hierarchical visibility of the report, and the lists that follow from it.
 
+mod common;
+
 use std::path::Path;
 
+use common::gpu;
+use fmmgi_gpu::compare::compare;
 use fmmgi_gpu::expansion::Surface;
 use fmmgi_gpu::links::{self, Links, Rows, State, States, Thresholds};
 use fmmgi_gpu::octree::{Facet, Octree};
@@ -12,7 +16,7 @@ use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::visibility::{
     CpuPointVisibility, NothingInTheWay, PointTest, PointVisibility, face,
 };
-use fmmgi_gpu::{Result, Scene, Surfels};
+use fmmgi_gpu::{Backend, Illumination, Method, Options, Result, Scene, Surfels, illuminate};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -162,7 +166,8 @@ impl PointVisibility for Tested<'_> {
     }
 }
 
-// Measured with leaves of 4: cornell 0.64, two_rooms 0.71, organic 0.61 of the pairs of leaves.
+// Pairs whose cosine is rounding noise do not count. Measured: cornell 0.36, two_rooms 0.26, organic
+// 0.38 of the pairs of leaves.
 #[test]
 fn cones_prune_no_visible_pair() {
     for name in SCENES {
@@ -171,13 +176,14 @@ fn cones_prune_no_visible_pair() {
         let tested = Tested(&known, vec![false; s.len() * s.len()].into());
         let states = States::find(&octree, &Thresholds::default(), &tested, &Silent).unwrap();
         let tested = tested.1.into_inner().unwrap();
-        let lost = known
-            .visible
-            .iter()
-            .zip(&tested)
-            .filter(|&(&v, &t)| v && !t);
-        assert_eq!(lost.count(), 0, "{name}");
-
+        for (i, j) in (0..s.len()).flat_map(|i| (0..i).map(move |j| (i, j))) {
+            if known.sees(i, j) && !tested[i * s.len() + j] {
+                let way = (s.positions[j] - s.positions[i]).normalize();
+                let cosines = [s.normals[i].dot(way), -s.normals[j].dot(way)];
+                println!("{name}: pruned {i} {j}, cosines {cosines:?}");
+                assert!(cosines[0].min(cosines[1]) < 2e-6, "{name}: {i} {j}");
+            }
+        }
         let share = states.tally.pruned as f64 / states.tally.pairs as f64;
         let part = |count: usize| 100.0 * count as f64 / tested.len() as f64;
         let facing = (0..s.len())
@@ -284,13 +290,15 @@ fn relative_l2(found: &[DVec3], exact: &[DVec3]) -> f64 {
     (error / norm).sqrt()
 }
 
-// Measured, orders 0 to 4: see below.
+// Measured, orders 0, 2 and 4: 0.07, 0.003, 4e-4.
 #[test]
 fn with_open_thresholds_it_is_the_sum_over_all_pairs() {
     for name in SCENES {
         let (octree, s) = Octree::build(&scene(name, 2500), 8);
-        let points = CpuPointVisibility::<f32>::new(&s, Thresholds::open().point);
-        let states = States::find(&octree, &Thresholds::open(), &points, &Silent).unwrap();
+        let mut open = with(-1.0, -1.0);
+        open.point.threshold = -1.0;
+        let points = CpuPointVisibility::<f32>::new(&s, open.point);
+        let states = States::find(&octree, &open, &points, &Silent).unwrap();
         let light = radiosity(s.len());
         let direct = Direct::new(&s, &NothingInTheWay, &Silent).unwrap();
         let exact = direct.apply(&light).unwrap();
@@ -368,4 +376,40 @@ fn the_order_of_the_points_does_not_matter() {
     assert_eq!(states, moved_states);
     let error = still.iter().zip(&moved).map(|(a, b)| (a - b).abs());
     assert!(error.fold(0.0, f64::max) < 1e-5);
+}
+
+/// The whole way, emission and bounces included: on a device it is the same light, and near that of
+/// exact sums over the same cells. Measured on cornell: 4e-7, and 0.04.
+#[test]
+fn the_device_finds_the_same_light() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.toml");
+    let options = SceneOptions {
+        points: Some(1500),
+        seed: 1,
+    };
+    let scene = Scene::load(&path, &options, &Silent).unwrap();
+    let solve = |method, backend| {
+        let options = Options {
+            method,
+            ..Options::default()
+        };
+        illuminate(&scene, &options, backend, &Silent).unwrap()
+    };
+    let cpu = solve(Method::Classic, Backend::Cpu);
+    let device = Backend::Gpu {
+        device: &gpu().device,
+        queue: &gpu().queue,
+        adapter: "of the tests",
+    };
+    let gpu = solve(Method::Classic, device);
+    let direct = solve(Method::Direct, Backend::Cpu);
+    let off = |a: &Illumination, b: &Illumination| {
+        let compared = compare(&a.map.irradiance, &b.map.irradiance).unwrap();
+        println!("{compared}");
+        compared.rel_l2
+    };
+    assert_eq!(cpu.stats.links, gpu.stats.links);
+    assert!(cpu.stats.links["states_partial"] > 1000);
+    assert!(off(&gpu, &cpu) < 1e-5);
+    assert!(off(&cpu, &direct) < 0.08);
 }

@@ -12,7 +12,7 @@ use serde::Serialize;
 use self::stats::{Seconds, Stats};
 use self::task::Task;
 use crate::error::{Error, Result};
-use crate::links;
+use crate::links::{self, Thresholds};
 use crate::map::IlluminationMap;
 use crate::octree::{LEAF_SIZE, Octree};
 use crate::operator::{Fmm, GpuFmm};
@@ -144,14 +144,14 @@ pub fn illuminate(
     let solved = match (method, &backend) {
         (Method::Direct, _) => task.direct(&mut repairs)?,
         (Method::Classic, Backend::Cpu) => {
-            let points = CpuPointVisibility::<f32>::new(&surfels, task.thresholds().point);
+            let points = CpuPointVisibility::<f32>::new(&surfels, Thresholds::default().point);
             task.classic(&points, |links| {
                 task.by_operator(&Fmm::<f32>::new(&surfels, &octree, links), &mut repairs)
             })?
         }
         (Method::Classic, Backend::Gpu { device, queue, .. }) => {
             let gpu = Gpu::new(device, queue);
-            let points = GpuPointVisibility::new(&gpu, &surfels, task.thresholds().point)?;
+            let points = GpuPointVisibility::new(&gpu, &surfels, Thresholds::default().point)?;
             task.classic(&points, |links| {
                 let operator = GpuFmm::new(&gpu, &surfels, &octree, links)?;
                 task.by_operator(&operator, &mut repairs)

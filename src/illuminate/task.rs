@@ -9,7 +9,7 @@ use super::stats::RowSum;
 use super::work::{Bounced, Work};
 use crate::error::Result;
 use crate::lights;
-use crate::links::{self, Accuracy, Links, States, Thresholds};
+use crate::links::{self, Accuracy, CLAMPED, Links, States, Thresholds};
 use crate::octree::Octree;
 use crate::operator::{Direct, Fields, TransportOperator};
 use crate::points::Surfels;
@@ -70,24 +70,22 @@ impl Task<'_> {
         solve: impl FnOnce(&Links) -> Result<Solved>,
     ) -> Result<Solved> {
         let (surfels, octree, progress) = (self.surfels, self.octree, self.progress);
-        let states = States::find(octree, &self.thresholds(), points, progress)?;
+        if self.visibility.is_open() {
+            let links = links::adaptive(octree, surfels, CLAMPED, self.order, progress)?;
+            return Ok(Solved {
+                links: named(links.counts()),
+                ..solve(&links)?
+            });
+        }
+        let states = States::find(octree, &Thresholds::default(), points, progress)?;
         let links = links::classic(octree, surfels, self.order, &states, points, progress)?;
-        let solved = solve(&links)?;
         let mut counts = named(links.counts());
         counts.extend(named(states.counts()));
         Ok(Solved {
             links: counts,
             tests: states.tally.seconds,
-            ..solved
+            ..solve(&links)?
         })
-    }
-
-    /// Those of the classic method.
-    pub fn thresholds(&self) -> Thresholds {
-        match self.visibility.is_open() {
-            true => Thresholds::open(),
-            false => Thresholds::default(),
-        }
     }
 
     /// Everything by one operator, the light of emitting surfels too.

@@ -19,7 +19,7 @@ pub use build::build;
 pub use classic::{CLASSIC_LEAF_SIZE, State, States, Tally, Thresholds, classic};
 pub use csr::{Entry, Rows};
 pub use dual::{Mac, THETA, Verdict, dual};
-pub use facing::{Cosines, Facing};
+pub use facing::{CLAMPED, Cosines, Facing};
 pub use open::build_open;
 pub use spans::Span;
 pub use walk::Interaction;

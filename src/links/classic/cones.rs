@@ -4,8 +4,10 @@
 //! the cloud, nothing in it is visible from any of them. It follows from the facet's slab and the
 //! spread of its normals, which are found from the leaves up, and the box of another facet is
 //! tested against it ([`Facing::averted`]): both facets have a cone, and one of them is enough.
-//! What is hidden by something in between is not in a cone, because it takes many surfels to hide a
-//! facet, and that all of it is hidden is proved by tests only.
+//!
+//! What lies behind other surfels is in no cone. One point blocks with certainty only the lines that
+//! pass within a fraction of its spacing: such pieces leave gaps, so that no bound in advance shows
+//! that a facet is hidden as a whole. Tests of its points do.
 
 use crate::links::{Facing, splits_target};
 use crate::octree::Octree;

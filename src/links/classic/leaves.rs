@@ -10,7 +10,7 @@ use crate::progress::Progress;
 use crate::visibility::PointVisibility;
 
 /// Pairs of surfels in the first batch, which tells how fast they are tested, and in others.
-const BATCH: [usize; 2] = [1 << 16, 1 << 20];
+const BATCH: [usize; 2] = [1 << 16, 1 << 18];
 
 /// Pairs of leaves, each in one order, a leaf with itself among them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -20,15 +20,21 @@ pub use leaves::Tally;
 pub use states::{State, States};
 
 use super::adaptive::Lists;
-use super::{Cosines, Links};
+use super::{CLAMPED, Links};
 use crate::error::Result;
 use crate::octree::Octree;
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::visibility::{PointTest, PointVisibility};
 
-/// Surfels a leaf: what leaves do not see all of, the thresholds decide as a whole.
-pub const CLASSIC_LEAF_SIZE: usize = 4;
+/// At most so many surfels a leaf: leaves see each other as a whole or not at all, so that shadows
+/// are as coarse as they are.
+///
+/// Measured for 3,000 points in cornell, two_rooms and organic, irradiance by one application against
+/// the sum over all pairs of points that see each other, relative L2 of light from everywhere and from
+/// a lamp: leaves of 2 surfels 0.4 to 1.4% and 1.9 to 2.7%, of 4 0.5 to 2.2% and 2.4 to 4.0%, of 8 1.0
+/// to 2.9% and 3.8 to 6.6%.
+pub const CLASSIC_LEAF_SIZE: usize = 2;
 
 /// When points and leaves see each other.
 ///
@@ -46,26 +52,15 @@ pub struct Thresholds {
     pub leaf_leaf: f32,
 }
 
-impl Thresholds {
-    /// All pairs pass.
-    pub fn open() -> Thresholds {
-        Thresholds {
-            point: PointTest {
-                threshold: -1.0,
-                ..PointTest::default()
-            },
-            point_leaf: -1.0,
-            leaf_leaf: -1.0,
-        }
-    }
-}
-
 impl Default for Thresholds {
+    /// In small leaves halves are common, and ¾ and ¼ let as much light through as there is: of light
+    /// from everywhere 0.1 to 0.3% more in the scenes above. One half for both, which no half
+    /// passes, loses 0.3 to 1.8%, a little less than half adds 0.3 to 1.4%.
     fn default() -> Self {
         Thresholds {
             point: PointTest::default(),
-            point_leaf: 0.5,
-            leaf_leaf: 0.5,
+            point_leaf: 0.75,
+            leaf_leaf: 0.25,
         }
     }
 }
@@ -81,7 +76,7 @@ pub fn classic(
 ) -> Result<Links> {
     let lists = Lists {
         octree,
-        cosines: Cosines::Clamped { tolerance: 0.0 },
+        cosines: CLAMPED,
         order,
         states: Some(states),
     };
