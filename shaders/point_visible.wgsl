@@ -82,33 +82,31 @@ fn meets_box(low: vec3<f32>, high: vec3<f32>, start: vec3<f32>, inverse: vec3<f3
     return near <= far * ROUNDING;
 }
 
-// A point as an occluder; its distance is Δ² if it is none.
-fn occluder(at: u32, ends: Ends) -> Occluder {
-    let first = points(at * POINT_TEXELS);
+// Square of the distance from a point, in its plane, to where the segment crosses it, in spacings;
+// Δ² if the point is no occluder.
+fn crossing_of(at: u32, ends: Ends) -> f32 {
+    let x = reals(points(at * POINT_TEXELS)).xyz;
     let second = reals(points(at * POINT_TEXELS + 1u));
-    let none = Occluder(test.limit, first.w, test.limit);
-    let x = reals(first).xyz;
     let p = ends.p - x;
     let q = ends.q - x;
-    let along = -inner(p, ends.way);
-    let across = p + ends.way * (along * (1.0 / ends.length_squared));
-    let distance = inner(across, across) * second.w;
-    let beside = along > 0.0 && along < ends.length_squared && distance < test.limit;
     let a = inner(p, second.xyz);
     let b = inner(q, second.xyz);
-    let crosses = (a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0);
-    if !(beside && crosses) {
-        return none;
+    if !((a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0)) {
+        return test.limit;
     }
     let inverse = 1.0 / (b - a);
     let hit = (p * b - q * a) * inverse;
     let squared = inner(hit, hit);
     let to_end = min(a * a, b * b) * (inverse * inverse) * ends.length_squared;
-    let crossing = squared * second.w;
-    if squared < to_end && crossing < test.limit {
-        return Occluder(distance, first.w, crossing);
-    }
-    return none;
+    return select(test.limit, min(squared * second.w, test.limit), squared < to_end);
+}
+
+// Square of the distance of a point from the segment, in spacings.
+fn distance_of(at: u32, ends: Ends) -> f32 {
+    let p = ends.p - reals(points(at * POINT_TEXELS)).xyz;
+    let along = -inner(p, ends.way) * (1.0 / ends.length_squared);
+    let across = p + ends.way * along;
+    return inner(across, across) * reals(points(at * POINT_TEXELS + 1u)).w;
 }
 
 fn entry(k: u32) -> f32 {
@@ -150,28 +148,29 @@ fn answer(places: vec2<u32>) -> u32 {
         let last = first + (leaf & ((1u << COUNT_BITS) - 1u));
         var at = first;
         for (; at < last; at++) {
-            var new = occluder(at, ends);
-            if at == places.x || at == places.y || new.distance >= test.limit {
+            let crossing = crossing_of(at, ends);
+            if at == places.x || at == places.y || crossing >= test.limit {
                 continue;
             }
             // What alone is enough needs no others.
-            if look_up(sqrt(new.crossing)) <= test.threshold {
+            if look_up(sqrt(crossing)) <= test.threshold {
                 return BLOCKED;
             }
+            var next = Occluder(distance_of(at, ends), points(at * POINT_TEXELS).w, crossing);
             var k = 0u;
             for (; k < count; k++) {
                 let old = found[k];
-                if new.distance < old.distance
-                    || (new.distance == old.distance && new.surfel < old.surfel) {
-                    found[k] = new;
-                    new = old;
+                if next.distance < old.distance
+                    || (next.distance == old.distance && next.surfel < old.surfel) {
+                    found[k] = next;
+                    next = old;
                 }
             }
             if k < count {
                 return UNKNOWN;
             }
             if count < most {
-                found[count] = new;
+                found[count] = next;
                 count++;
             }
         }

@@ -27,22 +27,18 @@ impl IlluminationMap {
         surfels: &Surfels,
         irradiance: &[DVec3],
     ) -> IlluminationMap {
-        let mut index_of_point = vec![0_u32; cloud.len()];
-        for (k, &p) in surfels.points.iter().enumerate() {
-            index_of_point[p as usize] = k as u32;
-        }
         let mut map = IlluminationMap::default();
-        for (i, surfel) in prepared.surfel_of_point.iter().enumerate() {
-            let own = surfel.map(|s| prepared.surfels.points[s as usize] as usize);
-            let (light, area) = own.map_or((Vec3::ZERO, 0.0), |p| {
-                let k = index_of_point[p] as usize;
+        for (i, place) in prepared.places(surfels).into_iter().enumerate() {
+            let place = place.map(|k| k as usize);
+            let (light, area) = place.map_or((Vec3::ZERO, 0.0), |k| {
                 (irradiance[k].as_vec3(), surfels.areas[k])
             });
             map.irradiance.push(light);
             map.radiosity
                 .push(cloud.emission[i] + cloud.reflectance[i] * light);
             map.radius.push((area / std::f32::consts::PI).sqrt());
-            map.in_transport.push(own == Some(i));
+            let own = place.is_some_and(|k| surfels.points[k] as usize == i);
+            map.in_transport.push(own);
         }
         map
     }

@@ -6,9 +6,9 @@ use fmmgi_gpu::expansion::{NEAR_SPACINGS, coefficients};
 use fmmgi_gpu::passes::gpu::wgsl::EXPANSION_STAGES;
 use fmmgi_gpu::passes::gpu::{
     Cell, Facet, Link, MAX_ORDER, MixedItem, MixedPart, PointItem, PointSpan, SHADERS, Shader,
-    Surfel,
+    Surfel, Test,
 };
-use fmmgi_gpu::visibility::{Node, Occluder, Segment};
+use fmmgi_gpu::visibility::{LOOKUP, MAX_CLOSEST, Node, Occluder, Point, Segment};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Expression, Literal, Module, TypeInner};
 
@@ -122,6 +122,33 @@ fn visibility_reads_what_rust_writes() {
         size_of::<Occluder>() / 16
     );
     assert_eq!(constant(&module, "COUNT_BITS"), Node::COUNT_BITS);
+}
+
+#[test]
+fn point_visibility_reads_what_rust_writes() {
+    let module = module("point_visible");
+    same_layout!(&module, Node, "Node", [
+        min => "min", skip => "skip", max => "max", leaf => "leaf",
+    ]);
+    same_layout!(&module, Point, "Point", [
+        position => "position", surfel => "surfel",
+        normal => "normal", inverse_area => "inverse_area",
+    ]);
+    same_layout!(&module, Test, "Test", [
+        threshold => "threshold", closest => "closest", limit => "limit", steps => "steps",
+        lookup => "lookup",
+    ]);
+    assert_eq!(
+        constant(&module, "NODE_TEXELS") as usize,
+        size_of::<Node>() / 16
+    );
+    assert_eq!(
+        constant(&module, "POINT_TEXELS") as usize,
+        size_of::<Point>() / 16
+    );
+    assert_eq!(constant(&module, "COUNT_BITS"), Node::COUNT_BITS);
+    assert_eq!(constant(&module, "LOOKUP") as usize, LOOKUP);
+    assert_eq!(constant(&module, "MAX_CLOSEST") as usize, MAX_CLOSEST);
 }
 
 #[test]

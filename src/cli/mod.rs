@@ -4,9 +4,11 @@ mod adapters;
 mod backend;
 mod compare;
 mod outputs;
+mod picture;
 mod solve;
 mod terminal;
 mod values;
+mod visible;
 
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -29,6 +31,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Solve(solve::Args),
+    Visible(visible::Args),
     Compare(compare::Args),
     Adapters(adapters::Args),
 }
@@ -43,6 +46,7 @@ enum Done {
 pub fn run() -> ExitCode {
     let result: Result<Done> = match Cli::parse().command {
         Command::Solve(args) => solve::run(&args),
+        Command::Visible(args) => visible::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Adapters(_) => adapters::run(),
     };

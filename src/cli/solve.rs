@@ -7,16 +7,14 @@ use std::time::Instant;
 use clap::ValueEnum;
 use fmmgi_gpu::output::{write_atomic, write_ply, write_stats};
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
-use fmmgi_gpu::visibility::{CpuVisibility, Occluders};
 use fmmgi_gpu::{
-    Error, Illumination, Method, Occlusion, Options, Progress, Result, Scene, Stats, illuminate,
-    memory, render,
+    Error, Method, Occlusion, Options, Progress, Result, Scene, Stats, illuminate, memory, render,
 };
 use glam::Vec3;
 
 use super::terminal::{self, Terminal};
 use super::values::{self, Size};
-use super::{Done, backend, outputs};
+use super::{Done, backend, outputs, picture};
 
 /// Compute the light at every point of a scan or a scene.
 ///
@@ -142,7 +140,11 @@ pub fn run(args: &Args) -> Result<Done> {
     let png = args
         .image
         .as_ref()
-        .map(|_| picture(&scene, &result, args.size, &progress))
+        .map(|_| {
+            let (surfels, map) = (&result.surfels, &result.map);
+            let exposure = render::tone::exposure(&map.radiosity);
+            picture::take(&scene, surfels, map, args.size, exposure, &progress)
+        })
         .transpose()?;
     progress.check()?;
     progress.finish();
@@ -191,34 +193,6 @@ impl Args {
             seed: self.seed,
         }
     }
-}
-
-/// The bytes of a PNG file, taken with the scene's camera or one fitted to the cloud.
-fn picture(
-    scene: &Scene,
-    result: &Illumination,
-    size: Size,
-    progress: &dyn Progress,
-) -> Result<Vec<u8>> {
-    let camera = match scene.camera {
-        Some(camera) => camera,
-        None => {
-            let occluders = Occluders::build(&result.surfels);
-            let visibility = CpuVisibility::<f32>::new(&occluders);
-            let aspect = f64::from(size.width) / f64::from(size.height);
-            render::fit(&scene.cloud, &result.surfels, &visibility, aspect)?
-        }
-    };
-    let map = &result.map;
-    let image = render::picture(
-        &scene.cloud,
-        map,
-        &camera,
-        size.width,
-        size.height,
-        progress,
-    )?;
-    render::encode_png(&image, render::tone::exposure(&map.radiosity))
 }
 
 /// A scan has no lights of its own, and a black result would puzzle.

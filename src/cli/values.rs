@@ -37,6 +37,16 @@ pub fn tolerance(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A place in the coordinates of the scan.
+pub fn place(text: &str) -> Result<DVec3, String> {
+    match three(text) {
+        Some(place) if place.abs().cmple(DVec3::splat(LARGEST)).all() => Ok(place),
+        _ => Err(format!(
+            "must be three finite numbers X,Y,Z, at most {LARGEST:e}, for instance 0,1.5,-2"
+        )),
+    }
+}
+
 /// Linear RGB of a light.
 pub fn rgb(text: &str) -> Result<Vec3, String> {
     let rgb = three(text)

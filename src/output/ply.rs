@@ -52,9 +52,84 @@ pub fn write_ply(path: &Path, cloud: &PointCloud, map: &IlluminationMap) -> Resu
         )));
     }
     let exposure = tone::exposure(&map.radiosity);
+    let comment = "irradiance and radiosity: linear RGB; red green blue: radiosity tone-mapped";
+    let rest: Vec<(&str, &str)> = FLOATS.iter().map(|&name| ("float", name)).collect();
+    let rest = [&rest[..], &[("uchar", "scalar_in_transport")]].concat();
+    write_rows(path, cloud, comment, &rest, |row, i| {
+        row.put(&tone::tone_map(map.radiosity[i], exposure));
+        row.put(&map.radius[i].to_le_bytes());
+        row.vector(map.irradiance[i]);
+        row.vector(map.radiosity[i]);
+        row.put(&[u8::from(map.in_transport[i])]);
+    })
+}
+
+/// Writes all points of a cloud in other colours, with what is marked of them, in the cloud's
+/// order, as binary little-endian PLY.
+///
+/// Properties: `x y z` (double where float would lose detail), `nx ny nz` (0 without normals),
+/// `red green blue` (sRGB), and `property` (1 or 0).
+///
+/// # Errors
+/// [`Error::Invalid`] if there is not one colour and mark a point, [`Error::Io`] if writing fails.
+pub fn write_painted(
+    path: &Path,
+    cloud: &PointCloud,
+    colours: &[[u8; 3]],
+    property: &str,
+    marks: &[bool],
+) -> Result<()> {
+    let lengths = [colours.len(), marks.len()];
+    if lengths != [cloud.len(); 2] {
+        return Err(Error::Invalid(format!(
+            "{lengths:?} colours and marks for {} points",
+            cloud.len()
+        )));
+    }
+    write_rows(path, cloud, "painted", &[("uchar", property)], |row, i| {
+        row.put(&colours[i]);
+        row.put(&[u8::from(marks[i])]);
+    })
+}
+
+/// The bytes of a point that are still to be filled.
+struct Row<'a>(&'a mut [u8]);
+
+impl Row<'_> {
+    fn put(&mut self, bytes: &[u8]) {
+        self.0
+            .write_all(bytes)
+            .expect("a row has room for its values");
+    }
+
+    fn vector(&mut self, v: Vec3) {
+        for x in v.to_array() {
+            self.put(&x.to_le_bytes());
+        }
+    }
+}
+
+/// Writes a point a row: `x y z nx ny nz red green blue` and the `rest`, which are types and names.
+/// `fill` fills a row from the colour on.
+fn write_rows(
+    path: &Path,
+    cloud: &PointCloud,
+    comment: &str,
+    rest: &[(&str, &str)],
+    fill: impl Fn(&mut Row, usize) + Sync,
+) -> Result<()> {
+    let n = cloud.len();
     let double = needs_double(&cloud.positions);
-    let header = header(n, double);
-    let stride = 3 * if double { 8 } else { 4 } + 3 * 4 + 3 + FLOATS.len() * 4 + 1;
+    let position = if double { "double" } else { "float" };
+    let properties: Vec<(&str, &str)> = ["x", "y", "z"]
+        .map(|name| (position, name))
+        .into_iter()
+        .chain(["nx", "ny", "nz"].map(|name| ("float", name)))
+        .chain(["red", "green", "blue"].map(|name| ("uchar", name)))
+        .chain(rest.iter().copied())
+        .collect();
+    let header = header(n, comment, &properties);
+    let stride = properties.iter().map(|&(kind, _)| bytes_of(kind)).sum();
     write_atomic(path, |writer| {
         writer.write_all(header.as_bytes())?;
         let mut bytes = vec![0; n.min(BLOCK) * stride];
@@ -64,9 +139,11 @@ pub fn write_ply(path: &Path, cloud: &PointCloud, map: &IlluminationMap) -> Resu
                 .par_chunks_exact_mut(stride)
                 .enumerate()
                 .with_min_len(GRAIN)
-                .for_each(|(row, mut bytes)| {
-                    encode(&mut bytes, cloud, map, begin + row, double, exposure);
-                    debug_assert!(bytes.is_empty());
+                .for_each(|(k, bytes)| {
+                    let (mut row, i) = (Row(bytes), begin + k);
+                    place(&mut row, cloud, i, double);
+                    fill(&mut row, i);
+                    debug_assert!(row.0.is_empty());
                 });
             writer.write_all(bytes)?;
         }
@@ -74,60 +151,36 @@ pub fn write_ply(path: &Path, cloud: &PointCloud, map: &IlluminationMap) -> Resu
     })
 }
 
-fn header(points: usize, double: bool) -> String {
-    let mut header = format!(
-        "ply\nformat binary_little_endian 1.0\n\
-         comment irradiance and radiosity: linear RGB; red green blue: radiosity tone-mapped\n\
-         element vertex {points}\n"
-    );
-    let mut property = |kind: &str, name: &str| {
-        header += &format!("property {kind} {name}\n");
-    };
-    for name in ["x", "y", "z"] {
-        property(if double { "double" } else { "float" }, name);
+fn bytes_of(kind: &str) -> usize {
+    match kind {
+        "double" => 8,
+        "float" => 4,
+        _ => 1,
     }
-    for name in ["nx", "ny", "nz"] {
-        property("float", name);
-    }
-    for name in ["red", "green", "blue"] {
-        property("uchar", name);
-    }
-    for name in FLOATS {
-        property("float", name);
-    }
-    property("uchar", "scalar_in_transport");
-    header + "end_header\n"
 }
 
-/// Fills the bytes of point `i`.
-fn encode(
-    row: &mut &mut [u8],
-    cloud: &PointCloud,
-    map: &IlluminationMap,
-    i: usize,
-    double: bool,
-    exposure: f32,
-) {
-    let mut put = |bytes: &[u8]| row.write_all(bytes).expect("a row has room for its values");
-    for x in cloud.positions[i].to_array() {
-        if double {
-            put(&x.to_le_bytes());
-        } else {
-            put(&(x as f32).to_le_bytes());
+fn header(points: usize, comment: &str, properties: &[(&str, &str)]) -> String {
+    let properties: String = properties
+        .iter()
+        .map(|(kind, name)| format!("property {kind} {name}\n"))
+        .collect();
+    format!(
+        "ply\nformat binary_little_endian 1.0\ncomment {comment}\n\
+         element vertex {points}\n{properties}end_header\n"
+    )
+}
+
+/// Position and normal of point `i`.
+fn place(row: &mut Row, cloud: &PointCloud, i: usize, double: bool) {
+    let position = cloud.positions[i];
+    if double {
+        for x in position.to_array() {
+            row.put(&x.to_le_bytes());
         }
+    } else {
+        row.vector(position.as_vec3());
     }
-    let normal = cloud.normals.get(i).copied().unwrap_or(Vec3::ZERO);
-    for x in normal.to_array() {
-        put(&x.to_le_bytes());
-    }
-    put(&tone::tone_map(map.radiosity[i], exposure));
-    put(&map.radius[i].to_le_bytes());
-    for vector in [map.irradiance[i], map.radiosity[i]] {
-        for x in vector.to_array() {
-            put(&x.to_le_bytes());
-        }
-    }
-    put(&[u8::from(map.in_transport[i])]);
+    row.vector(cloud.normals.get(i).copied().unwrap_or(Vec3::ZERO));
 }
 
 /// Whether f32 would round coordinates by more than the cloud's detail allows.

@@ -53,6 +53,20 @@ pub struct Prepared {
     pub repairs: Vec<String>,
 }
 
+impl Prepared {
+    /// For each point of the cloud its surfel's place among `surfels`, which are the prepared ones
+    /// in any order.
+    pub fn places(&self, surfels: &Surfels) -> Vec<Option<u32>> {
+        let mut place_of_point = vec![0; self.surfel_of_point.len()];
+        for (place, &point) in surfels.points.iter().enumerate() {
+            place_of_point[point as usize] = place as u32;
+        }
+        let own_point = |s: u32| self.surfels.points[s as usize] as usize;
+        let place = |surfel: &Option<u32>| surfel.map(|s| place_of_point[own_point(s)]);
+        self.surfel_of_point.iter().map(place).collect()
+    }
+}
+
 /// Cells made between two looks at whether the work should stop.
 const BLOCK: usize = 1 << 16;
 /// Neighbours that a cell is made from.

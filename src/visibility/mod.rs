@@ -4,6 +4,7 @@ mod bvh;
 mod counted;
 mod pairs;
 mod point_visible;
+mod seen;
 mod segment;
 
 use std::marker::PhantomData;
@@ -17,6 +18,7 @@ pub use bvh::{Node, Occluder, Occluders};
 pub use counted::Counted;
 pub use pairs::{BySegment, PointVisibility, face, of_facing};
 pub use point_visible::{CpuPointVisibility, LOOKUP, MAX_CLOSEST, Point, PointTest, Points};
+pub use seen::Seen;
 pub use segment::{blocked, meets_cell};
 
 /// Stands for "no surfel" in [`Segment`]'s skip fields.

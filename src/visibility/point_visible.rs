@@ -12,7 +12,8 @@
 //! nearer to an end is the end's own piece of surface. On a plane and outside of a sphere this
 //! excludes the neighbours of an end exactly (the plane of a neighbour is crossed on the end's side
 //! of the bisector, for beyond it the neighbour's plane lies below that of the end); inside of a
-//! sphere no tangent plane is crossed at all.
+//! sphere no tangent plane is crossed at all. What is crossed within Δ and nearer than the ends lies
+//! in the cylinder.
 
 use std::marker::PhantomData;
 
@@ -75,7 +76,7 @@ pub struct Point {
 /// The points of a cloud under a hierarchy that finds those around a segment.
 #[derive(Clone, Debug)]
 pub struct Points {
-    /// Over the balls of radius Δ around the points.
+    /// Over the discs of radius Δ around the points.
     pub nodes: Vec<Node>,
     /// In the order of the leaves.
     pub points: Vec<Point>,
@@ -86,32 +87,34 @@ pub struct Points {
 impl Points {
     /// Points without an area are in nobody's way.
     pub fn build(surfels: &Surfels, radius: f32) -> Points {
-        let balls = (0..surfels.len()).into_par_iter().map(|i| {
+        let discs = (0..surfels.len()).into_par_iter().map(|i| {
             let centre = Vec3A::from(surfels.positions[i]);
-            let reach = Vec3A::splat(radius * surfels.areas[i].sqrt());
+            let normal = Vec3A::from(surfels.normals[i]);
+            let slope = (Vec3A::ONE - normal * normal).max(Vec3A::ZERO);
+            let reach = slope.map(f32::sqrt) * (radius * surfels.areas[i].sqrt());
             Item {
                 min: centre - reach,
                 max: centre + reach,
                 surfel: i as u32,
             }
         });
-        let (nodes, balls) = hierarchy(balls.collect());
-        let mut places = vec![0; balls.len()];
-        for (place, ball) in balls.iter().enumerate() {
-            places[ball.surfel as usize] = place as u32;
+        let (nodes, discs) = hierarchy(discs.collect());
+        let mut places = vec![0; discs.len()];
+        for (place, disc) in discs.iter().enumerate() {
+            places[disc.surfel as usize] = place as u32;
         }
-        let point = |ball: &Item| {
-            let i = ball.surfel as usize;
+        let point = |disc: &Item| {
+            let i = disc.surfel as usize;
             Point {
                 position: surfels.positions[i].to_array(),
-                surfel: ball.surfel,
+                surfel: disc.surfel,
                 normal: surfels.normals[i].to_array(),
                 inverse_area: 1.0 / surfels.areas[i],
             }
         };
         Points {
             nodes,
-            points: balls.par_iter().map(point).collect(),
+            points: discs.par_iter().map(point).collect(),
             places,
         }
     }
@@ -194,14 +197,20 @@ impl PointTest {
                 if places.contains(&(at as u32)) {
                     continue;
                 }
-                let Some(occluder) = ends.occluder(&points.points[at], limit) else {
+                let point = &points.points[at];
+                let crossing = ends.crossing(point, limit);
+                if !(crossing < limit) {
                     continue;
-                };
+                }
                 // What alone is enough needs no others.
-                if self.look_up(occluder.crossing.sqrt()) <= threshold {
+                if self.look_up(crossing.sqrt()) <= threshold {
                     return false;
                 }
-                closest.add(occluder);
+                closest.add(Occluder {
+                    distance: ends.distance(point),
+                    surfel: point.surfel,
+                    crossing,
+                });
             }
             i += 1;
         }
@@ -249,33 +258,36 @@ impl<T: Real> Ends<T> {
         }
     }
 
-    /// A point as an occluder, if it is one.
-    fn occluder(&self, point: &Point, limit: T) -> Option<Occluder<T>> {
+    /// Square of the distance from a point, in its plane, to where the segment crosses it, in
+    /// spacings; Δ² if the point is no occluder.
+    fn crossing(&self, point: &Point, limit: T) -> T {
         let x = vector::<T>(point.position);
-        let inverse_area = T::from_f32(point.inverse_area);
+        let normal = vector::<T>(point.normal);
         let p = self.p - x;
         let q = self.q - x;
-        let along = -p.dot(self.way);
-        let across = p + self.way * (along * (T::ONE / self.length_squared));
-        let distance = across.dot(across) * inverse_area;
-        let beside = along > T::ZERO && along < self.length_squared && distance < limit;
-        let normal = vector::<T>(point.normal);
         let a = p.dot(normal);
         let b = q.dot(normal);
         let crosses = (a < T::ZERO && b > T::ZERO) || (a > T::ZERO && b < T::ZERO);
-        if !(beside && crosses) {
-            return None;
+        if !crosses {
+            return limit;
         }
         let inverse = T::ONE / (b - a);
         let hit = (p * b - q * a) * inverse;
         let squared = hit.dot(hit);
         let to_end = lesser(a * a, b * b) * (inverse * inverse) * self.length_squared;
-        let crossing = squared * inverse_area;
-        (squared < to_end && crossing < limit).then_some(Occluder {
-            distance,
-            surfel: point.surfel,
-            crossing,
-        })
+        if squared < to_end {
+            lesser(squared * T::from_f32(point.inverse_area), limit)
+        } else {
+            limit
+        }
+    }
+
+    /// Square of the distance of a point from the segment, in spacings.
+    fn distance(&self, point: &Point) -> T {
+        let p = self.p - vector::<T>(point.position);
+        let along = -p.dot(self.way) * (T::ONE / self.length_squared);
+        let across = p + self.way * along;
+        across.dot(across) * T::from_f32(point.inverse_area)
     }
 }
 
