@@ -2,7 +2,7 @@
 //! equation and, which the report does not show, their difference times 10, at one exposure.
 //!
 //! ```sh
-//! cargo run --release --example figure_2_10 -- figure.png 10000 scenes/cornell.toml
+//! cargo run --release --example figure_2_10 -- figure.png 15000 scenes/cornell.toml
 //! ```
 
 use std::path::PathBuf;
@@ -35,7 +35,7 @@ impl Progress for Notes {
 fn main() -> Result<()> {
     let mut args = std::env::args().skip(1);
     let output = PathBuf::from(args.next().unwrap_or("figure_2_10.png".into()));
-    let points = args.next().map_or(Ok(10_000), |n| n.parse());
+    let points = args.next().map_or(Ok(15_000), |n| n.parse());
     let points = points.map_err(|e| Error::Usage(format!("number of points: {e}")))?;
     let input = PathBuf::from(args.next().unwrap_or("scenes/cornell.toml".into()));
     let options = SceneOptions {

@@ -30,11 +30,14 @@ pub struct Tally {
 
 impl Tally {
     /// What there is to test.
-    fn ahead(octree: &Octree) -> Tally {
+    fn ahead(octree: &Octree, progress: &dyn Progress) -> Result<Tally> {
         let facets = &octree.facets;
         let leaves = leaves_below(octree);
         let mut tally = Tally::default();
-        for (i, j, met) in pairs(octree) {
+        for (k, (i, j, met)) in pairs(octree).enumerate() {
+            if k % BATCH[1] == 0 {
+                progress.check()?;
+            }
             let (i, j) = (i as usize, j as usize);
             let below = match i == j {
                 true => leaves[i] * (leaves[i] + 1) / 2,
@@ -49,7 +52,7 @@ impl Tally {
                 Met::Leaves => tally.tested += (facets[i].len() * facets[j].len()) as u64,
             }
         }
-        tally
+        Ok(tally)
     }
 
     /// Says what is ahead, by the seconds that the first pairs took.
@@ -85,7 +88,7 @@ pub(super) fn find(
     progress: &dyn Progress,
     mut sees: impl FnMut(u32, u32),
 ) -> Result<Tally> {
-    let mut tally = Tally::ahead(octree);
+    let mut tally = Tally::ahead(octree, progress)?;
     progress.stage("visibility", tally.tested);
     let mut left = pairs(octree).filter(|&(.., met)| met == Met::Leaves);
     let mut size = BATCH[0];
