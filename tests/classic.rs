@@ -168,12 +168,12 @@ impl PointVisibility for Tested<'_> {
     }
 }
 
-// Pairs whose cosine is rounding noise do not count. Measured: cornell 0.36, two_rooms 0.26, organic
-// 0.38 of the pairs of leaves.
+// Pairs whose cosine is rounding noise do not count. Measured: cornell 0.34, two_rooms 0.26, organic
+// 0.31 of the pairs of leaves.
 #[test]
 fn cones_prune_no_visible_pair() {
     for name in SCENES {
-        let (octree, s) = Octree::build(&scene(name, 2500), links::CLASSIC_LEAF_SIZE);
+        let (octree, s) = Octree::build(&scene(name, 1500), links::CLASSIC_LEAF_SIZE);
         let known = Known::new(&s);
         let tested = Tested(&known, vec![false; s.len() * s.len()].into());
         let states = States::find(&octree, &Thresholds::default(), &tested, &Silent).unwrap();
@@ -214,6 +214,27 @@ fn of_facets(links: &Links) -> impl Iterator<Item = &Rows> {
     links.m2l.iter().chain([&links.m2p, &links.p2l, &links.p2p])
 }
 
+/// How often each pair of surfels is linked by its facets, and [`NEAR`] for each link of its own.
+fn linked(links: &Links, octree: &Octree, n: usize) -> Vec<u8> {
+    let facets = &octree.facets;
+    let mut linked = vec![0; n * n];
+    for (t, s) in of_facets(links).flat_map(|rows| pairs(rows, octree)) {
+        for i in facets[t].surfels() {
+            for j in facets[s].surfels() {
+                linked[i * n + j] += 1;
+            }
+        }
+    }
+    for i in 0..n {
+        for (j, _) in links.near.row(i) {
+            linked[i * n + j] += NEAR;
+        }
+    }
+    linked
+}
+
+const NEAR: u8 = 16;
+
 /// Each pair of surfels is linked once if their leaves see each other, and never if not; between
 /// neighbouring leaves if they themselves see each other. What is linked one way is linked back.
 #[test]
@@ -229,22 +250,9 @@ fn what_sees_each_other_is_linked_once() {
             println!("{at}: {:?} {:?}", links.counts(), states.counts());
 
             let facets = &octree.facets;
-            let mut linked = vec![0u8; n * n];
-            for (t, s) in of_facets(&links).flat_map(|rows| pairs(rows, &octree)) {
-                for i in facets[t].surfels() {
-                    for j in facets[s].surfels() {
-                        linked[i * n + j] += 1;
-                    }
-                }
-            }
-            for i in 0..n {
-                for (j, _) in links.near.row(i) {
-                    linked[i * n + j] += 16;
-                }
-            }
+            let linked = linked(&links, &octree, n);
             let surface = Surface::<f32>::new(&s);
-            let reaches: usize = links.near.len();
-            assert!(reaches > 0, "{at}");
+            assert!(!links.near.is_empty(), "{at}");
             for (a, b) in leaves(&octree)
                 .iter()
                 .flat_map(|&a| leaves(&octree).into_iter().map(move |b| (a, b)))
@@ -260,7 +268,7 @@ fn what_sees_each_other_is_linked_once() {
                         let expected = match neighbours {
                             // Pairs of facets that are apart may hold leaves in the near range.
                             _ if count == 1 => see,
-                            true => count == 16 * u8::from(lit && known.sees(i, j)),
+                            true => count == NEAR * u8::from(lit && known.sees(i, j)),
                             false => count == 0 && !see,
                         };
                         assert!(expected, "{at}: {i} {j}, {count}");
@@ -269,7 +277,7 @@ fn what_sees_each_other_is_linked_once() {
             }
             for (i, j) in (0..n).flat_map(|i| (0..i).map(move |j| (i, j))) {
                 let [there, back] = [linked[i * n + j], linked[j * n + i]];
-                let one_way = there + back == 16; // a cell may rise above the horizon one way only
+                let one_way = there + back == NEAR; // a cell may rise above the horizon one way only
                 assert!(there == back || one_way, "{at}: {i} {j}");
             }
         }
@@ -292,22 +300,35 @@ fn relative_l2(found: &[DVec3], exact: &[DVec3]) -> f64 {
     (error / norm).sqrt()
 }
 
-// Measured, orders 0, 2 and 4: 0.07, 0.003, 4e-4.
+/// Then each pair that exchanges light is linked once, and none twice; cosines that are rounding
+/// noise do not count. Measured, orders 0, 2 and 4: 0.07, 0.003, 4e-4.
 #[test]
 fn with_open_thresholds_it_is_the_sum_over_all_pairs() {
     for name in SCENES {
-        let (octree, s) = Octree::build(&scene(name, 2500), 8);
+        let (octree, s) = Octree::build(&scene(name, 1500), 8);
         let mut open = with(-1.0, -1.0);
         open.point.threshold = -1.0;
         let points = CpuPointVisibility::<f32>::new(&s, open.point);
         let states = States::find(&octree, &open, &points, &Silent).unwrap();
-        let light = radiosity(s.len());
+        let n = s.len();
+        let light = radiosity(n);
         let direct = Direct::new(&s, &NothingInTheWay, &Silent).unwrap();
         let exact = direct.apply(&light).unwrap();
         let errors: Vec<f64> = (0..5)
             .map(|order| {
                 let links = links::classic(&octree, &s, order, &states, &points, &Silent).unwrap();
                 let found = Fmm::<f64>::new(&s, &octree, &links).apply(&light).unwrap();
+                let linked = linked(&links, &octree, n);
+                for (k, &count) in linked.iter().enumerate() {
+                    let (i, j) = (k / n, k % n);
+                    let way = (s.positions[j] - s.positions[i]).normalize_or_zero();
+                    let cosine = s.normals[i].dot(way).min(-s.normals[j].dot(way));
+                    let once = [1, NEAR].contains(&count);
+                    assert!(
+                        once || (count == 0 && cosine < 1e-5),
+                        "{name}: {i} {j}, {count}"
+                    );
+                }
                 relative_l2(&found, &exact)
             })
             .collect();
@@ -327,11 +348,11 @@ fn with_open_thresholds_it_is_the_sum_over_all_pairs() {
 }
 
 /// ∑ A_i u_i (F v)_i = ∑ A_i v_i (F u)_i, but for what near cells and expansions get wrong. Measured:
-/// 5e-5 to 4e-4.
+/// 5e-4 to 8e-4.
 #[test]
 fn light_goes_both_ways() {
     for name in SCENES {
-        let (octree, s) = Octree::build(&scene(name, 2500), links::CLASSIC_LEAF_SIZE);
+        let (octree, s) = Octree::build(&scene(name, 1500), links::CLASSIC_LEAF_SIZE);
         let known = Known::new(&s);
         let states = States::find(&octree, &Thresholds::default(), &known, &Silent).unwrap();
         let links = links::classic(&octree, &s, 2, &states, &known, &Silent).unwrap();
@@ -349,7 +370,10 @@ fn light_goes_both_ways() {
         };
         let (there, back) = (product(&u, &v), product(&v, &u));
         println!("{name}: {:.1e}", (there / back - 1.0).abs());
-        assert!((there / back - 1.0).abs() < 1e-3, "{name}: {there} {back}");
+        assert!(
+            (there / back - 1.0).abs() < 1.5e-3,
+            "{name}: {there} {back}"
+        );
     }
 }
 
