@@ -19,6 +19,13 @@ struct Point {
 
 const LOOKUP = 6u;
 
+struct Segment {
+    start: vec3<f32>,
+    skip_from: u32,
+    end: vec3<f32>,
+    skip_to: u32,
+}
+
 struct Test {
     threshold: f32,
     closest: u32,
@@ -42,8 +49,7 @@ const BLOCKED = 1u;
 const VISIBLE = 2u;
 
 @group(0) @binding(2) var<uniform> test: Test;
-// Places of two points among the points, the surfel of lower number first.
-@group(0) @binding(3) var<storage, read> pairs: array<vec2<u32>>;
+@group(0) @binding(3) var<storage, read> segments: array<Segment>;
 @group(0) @binding(4) var<storage, read_write> answers: array<u32>;
 
 struct Occluder {
@@ -115,21 +121,19 @@ fn entry(k: u32) -> f32 {
 
 fn look_up(distance: f32) -> f32 {
     let place = distance * test.steps;
-    if !(place < f32(LOOKUP - 1u)) {
-        return 1.0;
+    if place < f32(LOOKUP - 1u) {
+        let cell = u32(place);
+        let low = entry(cell);
+        let high = entry(cell + 1u);
+        return low + (high - low) * (place - f32(cell));
     }
-    let cell = u32(place);
-    let low = entry(cell);
-    let high = entry(cell + 1u);
-    return low + (high - low) * (place - f32(cell));
+    return 1.0;
 }
 
 // A driver may leave loops early (see turns.rs): then there is no answer.
-fn answer(places: vec2<u32>) -> u32 {
-    let p = reals(points(places.x * POINT_TEXELS)).xyz;
-    let q = reals(points(places.y * POINT_TEXELS)).xyz;
-    let way = q - p;
-    let ends = Ends(p, q, way, inner(way, way));
+fn answer(segment: Segment) -> u32 {
+    let way = segment.end - segment.start;
+    let ends = Ends(segment.start, segment.end, way, inner(way, way));
     let inverse = inverse_of(way);
     let most = min(test.closest, MAX_CLOSEST);
     let end = nodes(0u).w;
@@ -140,7 +144,7 @@ fn answer(places: vec2<u32>) -> u32 {
         while i < end && leaf == 0u {
             let low = nodes(i * NODE_TEXELS);
             let high = nodes(i * NODE_TEXELS + 1u);
-            let meets = meets_box(reals(low).xyz, reals(high).xyz, p, inverse);
+            let meets = meets_box(reals(low).xyz, reals(high).xyz, ends.p, inverse);
             leaf = select(0u, high.w, meets);
             i += select(low.w, 1u, meets);
         }
@@ -149,14 +153,16 @@ fn answer(places: vec2<u32>) -> u32 {
         var at = first;
         for (; at < last; at++) {
             let crossing = crossing_of(at, ends);
-            if at == places.x || at == places.y || crossing >= test.limit {
+            let surfel = points(at * POINT_TEXELS).w;
+            let excluded = surfel == segment.skip_from || surfel == segment.skip_to;
+            if crossing >= test.limit || excluded {
                 continue;
             }
             // What alone is enough needs no others.
             if look_up(sqrt(crossing)) <= test.threshold {
                 return BLOCKED;
             }
-            var next = Occluder(distance_of(at, ends), points(at * POINT_TEXELS).w, crossing);
+            var next = Occluder(distance_of(at, ends), surfel, crossing);
             var k = 0u;
             for (; k < count; k++) {
                 let old = found[k];
@@ -206,8 +212,8 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
 ) {
     let i = invocation(local, group, groups);
-    if i >= arrayLength(&pairs) {
+    if i >= arrayLength(&segments) {
         return;
     }
-    answers[i] = answer(pairs[i]);
+    answers[i] = answer(segments[i]);
 }

@@ -134,6 +134,9 @@ fn point_visibility_reads_what_rust_writes() {
         position => "position", surfel => "surfel",
         normal => "normal", inverse_area => "inverse_area",
     ]);
+    same_layout!(&module, Segment, "Segment", [
+        from => "start", skip_from => "skip_from", to => "end", skip_to => "skip_to",
+    ]);
     same_layout!(&module, Test, "Test", [
         threshold => "threshold", closest => "closest", limit => "limit", steps => "steps",
         lookup => "lookup",

@@ -1,4 +1,5 @@
-//! Who sees whom: segments tested against the cells of the surfels.
+//! Who sees whom: segments tested against the cells of the surfels, or, as in the report, against
+//! the points near them.
 
 mod bvh;
 mod counted;
@@ -17,7 +18,9 @@ use crate::math::Real;
 pub use bvh::{Node, Occluder, Occluders};
 pub use counted::Counted;
 pub use pairs::{BySegment, PointVisibility, face, of_facing};
-pub use point_visible::{CpuPointVisibility, LOOKUP, MAX_CLOSEST, Point, PointTest, Points};
+pub use point_visible::{
+    CpuPointVisibility, LOOKUP, MAX_CLOSEST, Point, PointTest, Points, segment_of,
+};
 pub use seen::Seen;
 pub use segment::{blocked, meets_cell};
 

@@ -8,12 +8,13 @@
 //! leaves a wall at a flat angle has more points of this wall beside it than any small k, and they
 //! would crowd out the occluders.)
 //!
-//! A point stands for the surface only where it is nearer than the ends of the segment: what is
-//! nearer to an end is the end's own piece of surface. On a plane and outside of a sphere this
-//! excludes the neighbours of an end exactly (the plane of a neighbour is crossed on the end's side
-//! of the bisector, for beyond it the neighbour's plane lies below that of the end); inside of a
-//! sphere no tangent plane is crossed at all. What is crossed within Δ and nearer than the ends lies
-//! in the cylinder.
+//! Segments start and end a little above the surfels, as everywhere ([`Surfels::segment`]), so that
+//! the noise of normals casts no shadow. And a point stands for the surface only where it is nearer
+//! than the ends of the segment: what is nearer to an end is the end's own piece of surface. On a
+//! plane and outside of a sphere this excludes the neighbours of an end exactly (what a segment
+//! crosses of the tangent plane of a neighbour, above the tangent plane of the end, is on the end's
+//! side of the bisector); inside of a sphere no tangent plane is crossed at all. What is crossed
+//! within Δ and nearer than the ends lies in the cylinder, which need not be tested.
 
 use std::marker::PhantomData;
 
@@ -28,7 +29,7 @@ use crate::points::Surfels;
 use super::bvh::{Item, hierarchy};
 use super::pairs::of_facing;
 use super::segment::{inverse, meets_box, vector};
-use super::{Node, PointVisibility};
+use super::{Node, PointVisibility, Segment};
 
 /// Entries of the look-up table.
 pub const LOOKUP: usize = 6;
@@ -36,6 +37,12 @@ pub const LOOKUP: usize = 6;
 pub const MAX_CLOSEST: usize = 16;
 
 /// The parameters of the test.
+///
+/// The defaults balance holes against swollen shadows. Against the cells of cornell, two_rooms and
+/// organic, 0.06 to 0.5% of the pairs that face each other are seen through cells and 1 to 3% are
+/// blocked by none at 3,000 points, up to 0.05% and 0.4% at 20,000. Of segments through a single
+/// layer of points that lie anywhere in their strata, 9% find a hole. A larger Δ or threshold closes
+/// holes and swells shadows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointTest {
     /// How many possible occluders closest to the segment count: k, up to [`MAX_CLOSEST`].
@@ -80,8 +87,6 @@ pub struct Points {
     pub nodes: Vec<Node>,
     /// In the order of the leaves.
     pub points: Vec<Point>,
-    /// Where the surfels are among the points.
-    pub places: Vec<u32>,
 }
 
 impl Points {
@@ -99,10 +104,6 @@ impl Points {
             }
         });
         let (nodes, discs) = hierarchy(discs.collect());
-        let mut places = vec![0; discs.len()];
-        for (place, disc) in discs.iter().enumerate() {
-            places[disc.surfel as usize] = place as u32;
-        }
         let point = |disc: &Item| {
             let i = disc.surfel as usize;
             Point {
@@ -115,15 +116,7 @@ impl Points {
         Points {
             nodes,
             points: discs.par_iter().map(point).collect(),
-            places,
         }
-    }
-
-    /// Where the points of a pair are, the surfel of lower number first: so the order of a pair
-    /// does not count.
-    pub fn places_of(&self, pair: [u32; 2]) -> [u32; 2] {
-        let [i, j] = pair;
-        [i.min(j), i.max(j)].map(|i| self.places[i as usize])
     }
 }
 
@@ -153,7 +146,10 @@ impl<T: Real> PointVisibility for CpuPointVisibility<'_, T> {
             Ok(facing
                 .par_iter()
                 .with_min_len(64)
-                .map(|&pair| self.test.passes::<T>(&self.points, pair))
+                .map(|&pair| {
+                    let segment = segment_of(self.surfels, pair);
+                    self.test.passes::<T>(&self.points, &segment)
+                })
                 .collect())
         })
     }
@@ -175,15 +171,15 @@ impl PointTest {
         (LOOKUP - 1) as f32 / self.radius
     }
 
-    /// Whether two points that face each other also see each other.
-    pub fn passes<T: Real>(&self, points: &Points, pair: [u32; 2]) -> bool {
+    /// Whether two points that face each other also see each other, by the segment between them.
+    pub fn passes<T: Real>(&self, points: &Points, segment: &Segment) -> bool {
         if self.is_open() {
             return true;
         }
         let threshold = T::from_f32(self.threshold);
         let limit = T::from_f32(self.limit());
-        let places = points.places_of(pair);
-        let [p, q] = places.map(|at| vector::<T>(points.points[at as usize].position));
+        let p = vector::<T>(segment.from);
+        let q = vector::<T>(segment.to);
         let ends = Ends::<T>::new(p, q);
         let mut closest = Closest::<T>::new(self.closest);
         let inverse = (q - p).to_array().map(inverse);
@@ -194,12 +190,10 @@ impl PointTest {
                 continue;
             }
             for at in node.occluders() {
-                if places.contains(&(at as u32)) {
-                    continue;
-                }
                 let point = &points.points[at];
                 let crossing = ends.crossing(point, limit);
-                if !(crossing < limit) {
+                let excluded = [segment.skip_from, segment.skip_to].contains(&point.surfel);
+                if crossing >= limit || excluded {
                     continue;
                 }
                 // What alone is enough needs no others.
@@ -220,13 +214,19 @@ impl PointTest {
     /// Visibility past an occluder whose plane is crossed this far from it, in spacings.
     fn look_up<T: Real>(&self, distance: T) -> T {
         let place = distance * T::from_f32(self.steps());
-        if !(place < T::from_f64((LOOKUP - 1) as f64)) {
-            return T::ONE;
+        if place < T::from_f64((LOOKUP - 1) as f64) {
+            let cell = place.to_f64() as usize;
+            let [low, high] = [cell, cell + 1].map(|k| T::from_f32(self.lookup[k]));
+            low + (high - low) * (place - T::from_f32(cell as f32))
+        } else {
+            T::ONE
         }
-        let cell = place.to_f64() as usize;
-        let [low, high] = [cell, cell + 1].map(|k| T::from_f32(self.lookup[k]));
-        low + (high - low) * (place - T::from_f32(cell as f32))
     }
+}
+
+/// The segment between two surfels, from that of lower number: the order of a pair does not count.
+pub fn segment_of(surfels: &Surfels, [i, j]: [u32; 2]) -> Segment {
+    surfels.segment(i.min(j) as usize, i.max(j) as usize)
 }
 
 /// The segment between two points.

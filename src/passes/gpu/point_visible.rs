@@ -4,10 +4,13 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::points::Surfels;
-use crate::visibility::{LOOKUP, PointTest, PointVisibility, Points, of_facing};
+use crate::visibility::{
+    LOOKUP, PointTest, PointVisibility, Points, Segment, of_facing, segment_of,
+};
 
 use super::visibility::part;
 use super::wgsl::POINT_VISIBLE;
@@ -15,7 +18,7 @@ use super::{Gpu, Pace, Pipeline, Table};
 
 /// Pairs of the first piece: few enough for the slowest device.
 const FIRST: usize = 2048;
-/// Pairs of the largest piece: 8 MiB.
+/// Pairs of the largest piece: 32 MiB.
 const MOST: usize = 1 << 20;
 
 // What the shader answers, apart from 0, which stands for "not written".
@@ -30,9 +33,8 @@ pub struct GpuPointVisibility<'a> {
     gpu: Gpu,
     surfels: &'a Surfels,
     open: bool,
-    points: Points,
-    nodes_table: Table,
-    points_table: Table,
+    nodes: Table,
+    points: Table,
     test: wgpu::Buffer,
     pipeline: Pipeline,
     /// One batch at a time.
@@ -41,7 +43,7 @@ pub struct GpuPointVisibility<'a> {
 
 struct Batch {
     pace: Pace,
-    pairs: wgpu::Buffer,
+    segments: wgpu::Buffer,
     answers: wgpu::Buffer,
     staging: wgpu::Buffer,
 }
@@ -76,22 +78,21 @@ impl From<&PointTest> for Test {
 impl<'a> GpuPointVisibility<'a> {
     pub fn new(gpu: &Gpu, surfels: &'a Surfels, test: PointTest) -> Result<Self> {
         let points = Points::build(surfels, test.radius);
-        let most = MOST.min(gpu.most_bound(size_of::<[u32; 2]>()));
+        let most = MOST.min(gpu.most_bound(size_of::<Segment>()));
         let batch = Batch {
             pace: Pace::new(FIRST, most),
-            pairs: gpu.storage("pairs", most * size_of::<[u32; 2]>())?,
+            segments: gpu.storage("segments", most * size_of::<Segment>())?,
             answers: gpu.storage("answers", most * size_of::<u32>())?,
             staging: gpu.staging("answers read back", most * size_of::<u32>())?,
         };
         Ok(GpuPointVisibility {
             surfels,
             open: test.is_open(),
-            nodes_table: gpu.table("nodes", &points.nodes)?,
-            points_table: gpu.table("points", &points.points)?,
+            nodes: gpu.table("nodes", &points.nodes)?,
+            points: gpu.table("points", &points.points)?,
             test: gpu.uniform("test", &[Test::from(&test)])?,
             pipeline: Pipeline::new(gpu, &POINT_VISIBLE)?,
             batch: Mutex::new(batch),
-            points,
             gpu: gpu.clone(),
         })
     }
@@ -99,17 +100,18 @@ impl<'a> GpuPointVisibility<'a> {
     /// Appends the answers of one piece to `visible`.
     fn piece(&self, batch: &Batch, pairs: &[[u32; 2]], visible: &mut Vec<bool>) -> Result<()> {
         let gpu = &self.gpu;
-        let places: Vec<[u32; 2]> = pairs.iter().map(|&p| self.points.places_of(p)).collect();
+        let segment = |&pair: &[u32; 2]| segment_of(self.surfels, pair);
+        let segments: Vec<Segment> = pairs.par_iter().map(segment).collect();
         gpu.queue
-            .write_buffer(&batch.pairs, 0, bytemuck::cast_slice(&places));
+            .write_buffer(&batch.segments, 0, bytemuck::cast_slice(&segments));
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let answer_bytes = (pairs.len() * size_of::<u32>()) as u64;
         encoder.clear_buffer(&batch.answers, 0, Some(answer_bytes));
         let resources = [
-            self.nodes_table.binding(),
-            self.points_table.binding(),
+            self.nodes.binding(),
+            self.points.binding(),
             self.test.as_entire_binding(),
-            part(&batch.pairs, size_of_val(pairs)),
+            part(&batch.segments, size_of_val(&segments[..])),
             batch.answers.as_entire_binding(),
         ];
         self.pipeline
