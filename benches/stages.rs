@@ -6,15 +6,15 @@ use fmmgi_gpu::links::{self, Accuracy, Entry, Links, MIXED_ORDER, Rows};
 use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Fields, Fmm, GpuFmm, TransportOperator};
 use fmmgi_gpu::passes::cpu;
-use fmmgi_gpu::passes::gpu::{Batch, Batches, Gpu, GpuFormFactors, GpuVisibility, Stages, adapter};
+use fmmgi_gpu::passes::gpu::{Batch, Batches, Gpu, GpuFormFactors, Stages, adapter};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
-use fmmgi_gpu::visibility::{CpuVisibility, Occluders, Segment, Visibility};
+use fmmgi_gpu::visibility::{CpuVisibility, Occluders};
 use fmmgi_gpu::{Result, Scene, Surfels};
 use glam::{DVec3, Vec3};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-/// Pairs of surfels that are tested in one batch.
+/// Pairs of surfels whose form factors are found in one batch.
 const PAIRS: usize = 100_000;
 
 /// The scene "cave" with the links of the default tolerance.
@@ -22,8 +22,6 @@ struct Case {
     surfels: Surfels,
     octree: Octree,
     links: Links,
-    occluders: Occluders,
-    pairs: Vec<(u32, u32)>,
 }
 
 impl Case {
@@ -47,24 +45,12 @@ impl Case {
         };
         let visibility = CpuVisibility::<f32>::new(&occluders);
         let links = links::build(&surfels, &octree, &accuracy, &visibility, &Silent).unwrap();
-        // Of a receiver to surfels all over the cave, then the next.
-        let n = surfels.len();
-        let pairs = (0..PAIRS)
-            .map(|k| ((k / 16 * 7 % n) as u32, (k * 7919 % n) as u32))
-            .collect();
-        println!("{n} surfels, links {:?}", links.counts());
+        println!("{} surfels, links {:?}", surfels.len(), links.counts());
         Case {
             surfels,
             octree,
             links,
-            occluders,
-            pairs,
         }
-    }
-
-    fn segments(&self) -> Vec<Segment> {
-        let segment = |&(i, j): &(u32, u32)| self.surfels.segment(i as usize, j as usize);
-        self.pairs.iter().map(segment).collect()
     }
 }
 
@@ -80,17 +66,6 @@ fn stages(criterion: &mut Criterion) {
             None
         }
     };
-
-    let mut group = criterion.benchmark_group("visibility");
-    group.throughput(Throughput::Elements(PAIRS as u64));
-    let segments = case.segments();
-    let cpu = CpuVisibility::<f32>::new(&case.occluders);
-    group.bench_function("cpu", |b| b.iter(|| cpu.visible(&segments).unwrap()));
-    if let Some(gpu) = &gpu {
-        let device = GpuVisibility::new(gpu, &case.occluders).unwrap();
-        group.bench_function("gpu", |b| b.iter(|| device.visible(&segments).unwrap()));
-    }
-    group.finish();
 
     let mut group = criterion.benchmark_group("form factors");
     group.throughput(Throughput::Elements(PAIRS as u64));

@@ -1,6 +1,5 @@
 // Parts of Σ x · y over items and colours: a workgroup sums up a block of items, each invocation
-// every WORKGROUP-th, so that invocations side by side read side by side. The host adds the parts
-// up.
+// every WORKGROUP-th, so that invocations side by side read side by side.
 
 @group(0) @binding(0) var<uniform> items: u32;
 @group(0) @binding(1) var<storage, read_write> parts: array<f32>;

@@ -1,4 +1,5 @@
-// Segments against the cells: the twin of src/visibility/segment.rs.
+// Segments against the cells: the twin of src/visibility/segment.rs, which tests cells alike, operation
+// by operation, but four boxes at once.
 // Tables: nodes (2 texels each), occluders (7 texels each).
 
 struct Segment {

@@ -47,12 +47,14 @@
 //! 5. [`links`] decides which facet gives light to which, and measures how much of it gets
 //!    through. Far away, [`expansion`] stands for all surfels of a facet; nearby, surfels are
 //!    linked one by one. Where nothing stands in the way, [bounds alone](links::build_open()) make
-//!    them. [`links::classic()`] makes them as Goradia's report does, from the visibility of all pairs
-//!    of points. Links that geometry alone makes, the [lists](links::adaptive()) of the adaptive method and
-//!    those of a [dual traversal](links::dual()), are there to compare with.
+//!    them. With the method [`Gather`](Method::Gather) [rays](links::gather()) do, surfel by surfel;
+//!    with [`Classic`](Method::Classic) the [visibility](links::classic()) of all pairs of points.
+//!    Links that geometry alone makes, the [lists](links::adaptive()) of the adaptive method and those
+//!    of a [dual traversal](links::dual()), are there to compare with.
 //! 6. [`operator`] applies the links: radiosity in, irradiance out. Its stages are in [`passes`],
 //!    under one name in Rust and in WGSL.
-//! 7. [`mod@solve`] finds the radiosity that the operator and the reflectance keep as it is.
+//! 7. [`mod@solve`] finds the radiosity that the operator and the reflectance keep as it is;
+//!    [`illuminate::checks`] says how far the operator is from what physics asks of it.
 //! 8. [`map`] hands the light of the surfels to the points of the cloud; [`output`] writes it to
 //!    files, [`render`] takes a picture, [`mod@compare`] says how far two maps are apart.
 //!

@@ -67,6 +67,24 @@ impl Budget {
     }
 }
 
+/// Memory that a link by rays takes at most, while links are put together and carried to a device.
+const BYTES_A_RAY: u64 = 32;
+
+/// Refuses rays whose hits would not fit into the memory that is free, before they are cast. Rays of
+/// one surfel that meet the same other one take no more memory than one.
+pub fn check_rays(surfels: usize, rays: u32) -> Result<()> {
+    let needed = surfels as u64 * u64::from(rays).min(surfels as u64) * BYTES_A_RAY;
+    match available() {
+        Some(free) if needed > free => Err(Error::TooLarge(format!(
+            "{rays} rays from each of {surfels} points need {} MiB of memory, but only {} MiB are \
+             free: take fewer rays or points, or ask for a larger tolerance",
+            needed >> 20,
+            free >> 20
+        ))),
+        _ => Ok(()),
+    }
+}
+
 /// Memory that a solve takes a point, at least; measured are 1,200 bytes (a room of a million points)
 /// to 3,300 (a cave).
 const BYTES_A_POINT: u64 = 1200;

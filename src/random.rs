@@ -1,6 +1,7 @@
 //! Random numbers that depend on what they are for, not on threads or order.
 
-use rand::SeedableRng;
+use glam::Vec3;
+use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 /// What a stream of random numbers is for.
@@ -10,6 +11,8 @@ pub(crate) enum Purpose {
     MeasureLinks,
     Sky,
     Emitters,
+    Checks,
+    Rays,
 }
 
 /// The stream of one item: a surfel, or a pair of facets in one number.
@@ -23,4 +26,50 @@ fn mixed(x: u64) -> u64 {
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^ (x >> 31)
+}
+
+/// A sequence in the unit square. Its first 2ᵏ points are stratified, and so is every other run of
+/// 2ᵏ that begins at a multiple of 2ᵏ: in each rectangle of area 2⁻ᵏ, halved from the square, there
+/// is one. (The first two dimensions of Sobol's sequence with Owen's scrambling, by hashing: Burley
+/// 2020, "Practical hash-based Owen scrambling"; the hash is that of Vegdahl 2021.)
+pub(crate) struct Stratified([u32; 2]);
+
+impl Stratified {
+    pub fn new(random: &mut impl Rng) -> Stratified {
+        Stratified([random.next_u32(), random.next_u32()])
+    }
+
+    pub fn get(&self, k: u32) -> [f32; 2] {
+        let second = (0..u32::BITS - k.leading_zeros())
+            .fold((0, 1 << 31), |(x, column), bit| {
+                let x = if k >> bit & 1 == 1 { x ^ column } else { x };
+                (x, column ^ column >> 1)
+            })
+            .0;
+        [
+            scrambled(k, self.0[0]),
+            scrambled(u32::reverse_bits(second), self.0[1]),
+        ]
+    }
+}
+
+/// The number in [0, 1) whose binary digits are those of `x`, read from the last one, each flipped
+/// or not as those before it decide.
+fn scrambled(mut x: u32, seed: u32) -> f32 {
+    x ^= x.wrapping_mul(0x3d20_adea);
+    x = x.wrapping_add(seed);
+    x = x.wrapping_mul(seed >> 16 | 1);
+    x ^= x.wrapping_mul(0x0552_6c56);
+    x ^= x.wrapping_mul(0x53a2_2864);
+    // As many digits as f32 has.
+    (x.reverse_bits() >> 8) as f32 * (-24f32).exp2()
+}
+
+/// Cosine-weighted direction about `normal` for (u, v) in the unit square (Malley's method).
+pub(crate) fn cosine_direction(normal: Vec3, tangent: Vec3, u: f32, v: f32) -> Vec3 {
+    let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
+    let radius = u.sqrt();
+    tangent * (radius * cos)
+        + normal.cross(tangent) * (radius * sin)
+        + normal * (1.0 - u).max(0.0).sqrt()
 }

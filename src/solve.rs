@@ -125,7 +125,11 @@ fn series<O: TransportOperator>(
     Ok((sum, ended))
 }
 
-/// GMRES (Saad and Schultz 1986) with modified Gram-Schmidt and Givens rotations, no restart.
+/// GMRES (Saad and Schultz 1986) with Givens rotations, no restart.
+///
+/// A step reads from the device twice, however many vectors there are: classical Gram-Schmidt takes
+/// all products at once, and done twice it leaves the vectors orthogonal to rounding (Giraud,
+/// Langou, Rozložník and van den Eshof 2005), as the modified one does not.
 fn gmres<O: TransportOperator>(
     operator: &O,
     reflectance: &Field<O>,
@@ -164,13 +168,19 @@ fn gmres<O: TransportOperator>(
         // w = (I - ρF) v
         fields.scale(-1.0, &mut w)?;
         fields.axpy(1.0, last, &mut w)?;
-        let mut column = Vec::with_capacity(basis.len() + 1);
-        for v in &basis {
-            let h = fields.dot(&w, v)?;
-            fields.axpy(-h, v, &mut w)?;
-            column.push(h);
+        let mut column = vec![0.0; basis.len()];
+        let mut square = 0.0;
+        for _ in 0..2 {
+            let others: Vec<_> = basis.iter().chain([&w]).collect();
+            let products = fields.dots(&others, &w)?;
+            let along = &products[..basis.len()];
+            let terms: Vec<_> = along.iter().map(|h| -h).zip(&basis).collect();
+            fields.add(&terms, &mut w)?;
+            column.iter_mut().zip(along).for_each(|(c, h)| *c += h);
+            // Pythagoras: the second time next to nothing is taken off.
+            square = products[basis.len()] - along.iter().map(|h| h * h).sum::<f64>();
         }
-        let length = fields.dot(&w, &w)?.sqrt();
+        let length = square.max(0.0).sqrt();
         for (k, &(c, s)) in rotations.iter().enumerate() {
             let (upper, lower) = (column[k], column[k + 1]);
             column[k] = c * upper + s * lower;
@@ -203,9 +213,8 @@ fn gmres<O: TransportOperator>(
             .sum();
         weights[k] = (rhs[k] - known) / columns[k][k];
     }
-    for (weight, v) in weights.iter().zip(&basis) {
-        fields.axpy(*weight, v, &mut x)?;
-    }
+    let terms: Vec<_> = weights.into_iter().zip(&basis).collect();
+    fields.add(&terms, &mut x)?;
     let ended = Ended {
         iterations,
         residual: remaining / norm,

@@ -66,6 +66,7 @@ fn links_agree_with_exact_sums() {
         tolerance: None,
         order: None,
         max_bounces: None,
+        rays: None,
         seed: 0,
     };
     let began = Instant::now();

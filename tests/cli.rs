@@ -257,7 +257,7 @@ fn clouds_without_surface_are_told() {
         ),
     ] {
         write_scan(&folder, "bad.ply", points);
-        for method in ["direct", "fmm"] {
+        for method in ["direct", "fmm", "gather"] {
             let args = format!(
                 "solve bad.ply --quiet --backend cpu --sky 1,1,1 -o out.ply --method {method}"
             );
@@ -281,7 +281,7 @@ fn points_that_cannot_take_part_are_counted() {
             "0 1 0 0 0 1",
         ],
     );
-    for method in ["direct", "fmm"] {
+    for method in ["direct", "fmm", "gather"] {
         let args = format!(
             "solve some.ply --backend cpu --sky 1,1,1 --light point:0,0,1e-9 --method {method}"
         );
@@ -398,6 +398,37 @@ fn every_order_solves() {
             let stats: serde_json::Value = serde_json::from_str(&stats).unwrap();
             assert_eq!(stats["order"], order, "{args}");
         }
+    }
+}
+
+#[test]
+fn rays_are_counted() {
+    let folder = folder();
+    for (rays, cast) in [("", 32), ("--rays 64", 64), ("--rays 100", 128)] {
+        let args = format!(
+            "solve scan.ply --method gather --backend cpu --light point:0.1,0.3,0.4 --tolerance 0.5 \
+             --stats stats.json {rays}"
+        );
+        let assert = run(folder.path(), &args).success();
+        let summary = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
+        assert!(
+            summary.contains(&format!("{cast} from each point")),
+            "{summary}"
+        );
+        let stats = fs::read_to_string(folder.path().join("stats.json")).unwrap();
+        let stats: serde_json::Value = serde_json::from_str(&stats).unwrap();
+        assert_eq!(stats["rays"], cast);
+        assert!(stats["standard_error"].as_f64().unwrap() < 0.5);
+    }
+    for (args, words) in [
+        ("--method gather --rays 1", "1 is not in 2..=65536"),
+        (
+            "--method gather --visibility none",
+            "the gather method follows rays",
+        ),
+    ] {
+        let args = format!("solve scan.ply --quiet --sky 1,1,1 {args}");
+        fails(&folder, &args, 2, words);
     }
 }
 

@@ -6,6 +6,7 @@ mod common;
 
 use cases::*;
 use common::{gpu, room};
+use fmmgi_gpu::illuminate::checks::Checks;
 use fmmgi_gpu::operator::{Fields, Fmm, GpuFields, GpuFmm, HostFields, TransportOperator};
 use fmmgi_gpu::passes::gpu::{Gpu, adapter};
 use fmmgi_gpu::progress::Silent;
@@ -121,6 +122,12 @@ fn calculate<F: Fields>(
     let dots = [(&x, &y), (&x, &x), (&y, &y), (&sum, &scaled)]
         .map(|(a, b)| fields.dot(a, b).unwrap())
         .to_vec();
+    // More together than are read at once.
+    let three = [&sum, &y, &x];
+    let all: Vec<_> = three.into_iter().cycle().take(36).collect();
+    let together = fields.dots(&all, &scaled).unwrap();
+    let one_by_one = three.map(|a| fields.dot(a, &scaled).unwrap());
+    assert!(together.chunks(3).all(|dots| dots == one_by_one));
     // The operands of copies are as they were.
     let all = [&x, &y, &sum, &scaled, &product].map(|f| fields.download(f).unwrap());
     (all.to_vec(), dots)
@@ -142,6 +149,7 @@ fn a_map_is_that_of_the_cpu() {
         tolerance: None,
         order: None,
         max_bounces: None,
+        rays: None,
         seed: 1,
     };
     let on_device = Backend::Gpu {
@@ -149,14 +157,24 @@ fn a_map_is_that_of_the_cpu() {
         queue: &gpu().queue,
         adapter: "test",
     };
-    let [found, expected] = [on_device, Backend::Cpu].map(|backend| {
-        let result = illuminate(&scene, &options, backend, &Silent).unwrap();
-        let map = result.map.irradiance.iter();
+    let lit = [on_device, Backend::Cpu]
+        .map(|backend| illuminate(&scene, &options, backend, &Silent).unwrap());
+    let [found, expected] = lit.each_ref().map(|lit| {
+        let map = lit.map.irradiance.iter();
         map.map(|h| h.as_dvec3()).collect::<Vec<_>>()
     });
     let off = relative_l2(&found, &expected);
     println!("map: {off:e}");
     assert!(off < 1e-4, "{off}");
+    // And so is the way there, and what the checks find.
+    let [found, expected] = lit.map(|lit| lit.stats);
+    assert_eq!(found.iterations, expected.iterations);
+    assert!((found.residual / expected.residual - 1.0).abs() < 0.01);
+    let [found, expected] = [found, expected].map(|stats| stats.checks.unwrap());
+    let apart = |of: fn(&Checks) -> f64| (of(&found) - of(&expected)).abs();
+    assert!(apart(|c| c.row_sum_and_sky.unwrap().mean) < 1e-3);
+    assert!(apart(|c| c.energy.unwrap()) < 1e-3);
+    assert!(apart(|c| c.reciprocity) < 1e-4);
 }
 
 /// A renderer has a device of its own, radiosity in a buffer of its own (whatever the fourth word

@@ -1,5 +1,5 @@
 //! What must not matter: the order of the points, where the scan lies, how it is turned, its unit,
-//! and running the program twice.
+//! that of light, and running the program twice.
 
 use std::path::Path;
 
@@ -39,6 +39,7 @@ fn solve(scene: &Scene, method: Method, occlusion: Occlusion) -> Vec<Vec3> {
         tolerance: None,
         order: None,
         max_bounces: None,
+        rays: None,
         seed: 1,
     };
     let result = illuminate(scene, &options, Backend::Cpu, &Silent).unwrap();
@@ -117,6 +118,22 @@ fn links_change_within_the_tolerance() {
     }
 }
 
+/// Two results of a tolerance of 0.03 differ by √2 as much, if their errors are noise.
+const NOISE: f64 = 0.043;
+
+/// In another unit and at another place all rays are the same, but for rounding: a ray that meets
+/// another surfel for it is one of 128. In other octrees surfels have other rays.
+#[test]
+fn rays_change_by_rounding_or_within_the_tolerance() {
+    for (what, difference) in differences(Method::Gather, Occlusion::Surfels, 3000) {
+        let bound = match what {
+            "order" | "rotation" => NOISE,
+            _ => 1e-3,
+        };
+        assert!(difference < bound, "{what}: {difference:.1e}");
+    }
+}
+
 /// With nothing in the way no segment decides: only a rotation makes other facets and links.
 #[test]
 fn expansions_do_not_feel_unit_and_place() {
@@ -140,7 +157,12 @@ fn a_stray_far_away_changes_nothing() {
     stray.cloud.normals.push(Vec3::Y);
     stray.cloud.reflectance.push(Vec3::ONE);
     stray.cloud.emission.push(Vec3::ZERO);
-    for (method, bound) in [(Method::Direct, 1e-5), (Method::Fmm, 0.03)] {
+    let methods = [
+        (Method::Direct, 1e-5),
+        (Method::Fmm, 0.03),
+        (Method::Gather, NOISE),
+    ];
+    for (method, bound) in methods {
         let without = irradiance(&clean, method);
         let with = irradiance(&stray, method);
         let difference = compare(&with[..without.len()], &without).unwrap().rel_l2;
@@ -149,10 +171,31 @@ fn a_stray_far_away_changes_nothing() {
     }
 }
 
+/// Light of a candle or of the sun, in any unit. By powers of two not even rounding changes: what is
+/// measured is 0, while squares of these lights leave the range of f32.
+#[test]
+fn the_unit_of_light_does_not_matter() {
+    let scene = scene(3000);
+    let expected = irradiance(&scene, Method::Fmm);
+    for unit in [-80, 40].map(|power| 2f32.powi(power)) {
+        let mut lit = scene.clone();
+        lit.lights.iter_mut().for_each(|l| l.intensity *= unit);
+        lit.cloud.emission.iter_mut().for_each(|e| *e *= unit);
+        lit.sky *= unit;
+        let found: Vec<Vec3> = irradiance(&lit, Method::Fmm)
+            .iter()
+            .map(|h| *h / unit)
+            .collect();
+        let difference = compare(&found, &expected).unwrap().rel_l2;
+        println!("light in units of {unit:e}: {difference:.1e}");
+        assert!(difference < 1e-6, "{unit:e}: {difference:e}");
+    }
+}
+
 #[test]
 fn same_input_same_bits() {
     let scene = scene(4000);
-    for method in [Method::Direct, Method::Fmm] {
+    for method in [Method::Direct, Method::Fmm, Method::Gather] {
         let first = irradiance(&scene, method);
         let single = rayon::ThreadPoolBuilder::new()
             .num_threads(1)

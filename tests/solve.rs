@@ -312,3 +312,25 @@ fn a_singular_equation_is_not_called_solved() {
     assert!(!ended.converged, "{ended:?}");
     assert!(x.iter().all(|x| x.is_finite()), "{x:?}");
 }
+
+/// In f32, where next to nothing is absorbed, the vectors must stay orthogonal: then as many steps
+/// do as in f64. (Measured: 15 and 11; with the modified Gram-Schmidt process 31, without an end.)
+#[test]
+fn rounding_takes_no_more_steps() {
+    let n = 200;
+    let (reflectance, source) = (vec![DVec3::splat(0.999); n], colours(n, 1.0, 4));
+    let narrow = Narrow(dense(n, 1.0, 3), HostFields::default());
+    let [r, s] = [&reflectance, &source].map(|v| narrow.fields().upload(v).expect("upload"));
+    let stop = Stop {
+        residual: 1e-6,
+        bounces: None,
+    };
+    let (_, single) = solve(&narrow, &r, &s, None, stop, &Silent).expect("solved");
+    let f = dense(n, 1.0, 3);
+    let (_, double) = run(&f, &reflectance, &source, None, 1e-6, None);
+    println!(
+        "{} steps in f32, {} in f64",
+        single.iterations, double.iterations
+    );
+    assert!(single.converged && single.iterations <= double.iterations + 5);
+}

@@ -30,6 +30,7 @@ fn solve(scene: &Scene, method: Method, max_bounces: Option<u32>) -> Illuminatio
         tolerance: None,
         order: None,
         max_bounces,
+        rays: None,
         seed: 1,
     };
     let result = illuminate(scene, &options, Backend::Cpu, &Silent).unwrap();

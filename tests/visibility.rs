@@ -4,15 +4,15 @@
 mod common;
 
 use common::{
-    clutter, differing, direction, gpu, in_box, polygons, random, room, segment, some_segments,
-    sphere,
+    clutter, crossings, differing, direction, gpu, in_box, polygons, random, room, segment,
+    some_segments, sphere,
 };
 use fmmgi_gpu::Surfels;
 use fmmgi_gpu::passes::gpu::GpuVisibility;
 use fmmgi_gpu::visibility::{
-    CpuVisibility, NO_SURFEL, NothingInTheWay, Occluders, Segment, Visibility, blocked, meets_cell,
+    CpuVisibility, NO_SURFEL, NothingInTheWay, Occluders, Segment, Visibility, blocked, meeting,
 };
-use glam::{DVec2, DVec3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 use rand::RngExt;
 use rand::seq::SliceRandom;
 
@@ -47,32 +47,9 @@ fn count(of: &[bool]) -> usize {
     of.iter().filter(|&&v| v).count()
 }
 
-/// Whether any cell is met, by another way: all cells in turn, the plane by the parameter of the
-/// line, the polygon by its winding angle.
+/// Whether any cell is met, by another way.
 fn blocked_by_any(surfels: &Surfels, s: &Segment) -> bool {
-    let from = Vec3::from(s.from).as_dvec3();
-    let along = Vec3::from(s.to).as_dvec3() - from;
-    (0..surfels.len()).any(|i| {
-        if s.skip_from == i as u32 || s.skip_to == i as u32 {
-            return false;
-        }
-        let [p, n, u]: [DVec3; 3] = [
-            surfels.positions[i].as_dvec3(),
-            surfels.normals[i].as_dvec3(),
-            surfels.cells.tangents[i].as_dvec3(),
-        ];
-        let t = (p - from).dot(n) / along.dot(n);
-        if !(t > 0.0 && t < 1.0) {
-            return false;
-        }
-        let h = from + t * along - p;
-        let h = DVec2::new(h.dot(u), h.dot(n.cross(u)));
-        let c = surfels.cells.corners[i].map(|c| (c * surfels.occluder_scale).as_dvec2() - h);
-        let winding: f64 = (0..c.len())
-            .map(|k| c[k].angle_to(c[(k + 1) % c.len()]))
-            .sum();
-        winding.abs() > std::f64::consts::PI
-    })
+    crossings(surfels, s).next().is_some()
 }
 
 /// A room with clutter in it, a sphere shell, clutter alone and in coarse lumps, and squares along
@@ -144,7 +121,7 @@ fn no_box_shuts_out_a_cell_that_is_met() {
                 _ => at + Vec3::AXES[rng.random_range(0..3)],
             };
             let to = at + rng.random_range(0.1..1.0) * (at - from);
-            let met = |cell| meets_cell::<f32>(cell, from, to);
+            let met = |cell| meeting::<f32>(cell, from, to).is_some();
             assert_eq!(
                 blocked::<f32>(&occluders, &segment(from, to)),
                 occluders.occluders.iter().any(met),

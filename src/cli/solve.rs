@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::ValueEnum;
+use fmmgi_gpu::illuminate::{RAYS, checks::Checks};
 use fmmgi_gpu::output::{write_atomic, write_ply, write_stats};
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
 use fmmgi_gpu::{
@@ -52,6 +53,10 @@ pub struct Args {
     /// for classic 2 to 6 as the tolerance needs]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(0..=12))]
     order: Option<u8>,
+    /// Rays from each point with --method gather, rounded up to a power of two [default: as many as the
+    /// tolerance needs]
+    #[arg(long, value_name = "N", value_parser = rays())]
+    rays: Option<u32>,
     /// What stands in the way of light
     #[arg(long, value_enum, default_value = "surfels")]
     visibility: VisibilityArg,
@@ -89,6 +94,8 @@ enum MethodArg {
     Fmm,
     /// Multipole method with the visibility of Goradia's report, which tests all pairs of points
     Classic,
+    /// Monte Carlo: rays from every point
+    Gather,
     /// What is cheaper
     Auto,
 }
@@ -174,6 +181,12 @@ pub fn run(args: &Args) -> Result<Done> {
     })
 }
 
+/// As many as a surfel can cast.
+fn rays() -> clap::builder::RangedI64ValueParser<u32> {
+    let [least, most] = [RAYS.start(), RAYS.end()].map(|&n| i64::from(n));
+    clap::value_parser!(u32).range(least..=most)
+}
+
 impl Args {
     fn options(&self) -> Options {
         Options {
@@ -181,6 +194,7 @@ impl Args {
                 MethodArg::Direct => Method::Direct,
                 MethodArg::Fmm => Method::Fmm,
                 MethodArg::Classic => Method::Classic,
+                MethodArg::Gather => Method::Gather,
                 MethodArg::Auto => Method::Auto,
             },
             occlusion: match self.visibility {
@@ -190,6 +204,7 @@ impl Args {
             tolerance: self.tolerance,
             order: self.order.map(usize::from),
             max_bounces: self.max_bounces,
+            rays: self.rays,
             seed: self.seed,
         }
     }
@@ -207,6 +222,24 @@ fn warn_of_darkness(scene: &Scene, progress: &dyn Progress) {
              give points an emission (properties emission_red, emission_green, emission_blue)",
         );
     }
+}
+
+/// The physical checks in a line.
+fn told(checks: &Checks) -> String {
+    let mut parts = Vec::new();
+    if let Some(sum) = checks.row_sum_and_sky {
+        parts.push(format!(
+            "row sum and sky {:.4}, at worst {:.3}",
+            sum.mean, sum.worst
+        ));
+    }
+    if let Some(energy) = checks.energy {
+        parts.push(format!("energy {:+.2}%", 100.0 * energy));
+    }
+    parts.push(format!("reciprocity {:.1e}", checks.reciprocity));
+    parts.push(format!("excess {:.1e}", checks.excess));
+    parts.push(format!("least {:.1e}", checks.least));
+    parts.join(", ")
 }
 
 /// What a person wants to know after a solve.
@@ -228,7 +261,7 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
         format!("backend     {backend}"),
         format!(
             "time        {:.2} s (load {:.2}, prepare {:.2}, octree {:.2}, links {:.2}, \
-             visibility {:.2}, solve {:.2}, write {:.2})",
+             visibility {:.2}, solve {:.2}, checks {:.2}, write {:.2})",
             seconds.total,
             seconds.load,
             seconds.prepare,
@@ -236,6 +269,7 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
             seconds.links,
             seconds.visibility,
             seconds.solve,
+            seconds.checks,
             seconds.write
         ),
         format!(
@@ -249,11 +283,20 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
             }
         ),
     ];
+    if let (Some(rays), Some(error)) = (stats.rays, stats.standard_error) {
+        lines.push(format!(
+            "rays        {rays} from each point, which leave a standard error of {:.2}%",
+            100.0 * error
+        ));
+    }
     if let Some(sum) = stats.row_sum {
         lines.push(format!(
             "row sum     {:.4} at most, {:.4} on average (1 in a closed room)",
             sum.max, sum.mean
         ));
+    }
+    if let Some(checks) = &stats.checks {
+        lines.push(format!("checks      {}", told(checks)));
     }
     if let Some(bytes) = stats.peak_memory_bytes {
         lines.push(format!("memory      {} MB at most", bytes / 1_000_000));

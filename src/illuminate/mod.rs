@@ -1,5 +1,7 @@
 //! The main job: scene in, illumination map and what it took out.
 
+pub mod checks;
+mod rays;
 pub mod stats;
 mod task;
 mod work;
@@ -9,10 +11,12 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
+pub use self::rays::RAYS;
 use self::stats::{Seconds, Stats};
 use self::task::Task;
+use self::work::Work;
 use crate::error::{Error, Result};
-use crate::links::{self, Thresholds};
+use crate::links::{self, Links, Thresholds};
 use crate::map::IlluminationMap;
 use crate::octree::{LEAF_SIZE, Octree};
 use crate::operator::{Fmm, GpuFmm};
@@ -21,7 +25,8 @@ use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
 use crate::visibility::{
-    Counted, CpuPointVisibility, CpuVisibility, NothingInTheWay, Occluders, Visibility,
+    Counted, CpuPointVisibility, CpuVisibility, NothingInTheWay, Occluders, PointVisibility,
+    Visibility,
 };
 
 /// How the transport operator is applied.
@@ -34,7 +39,9 @@ pub enum Method {
     Fmm,
     /// The adaptive lists and the hierarchical visibility of Goradia's report: tests all pairs.
     Classic,
-    /// `Direct` where that is cheaper, otherwise `Fmm`. Never `Classic`.
+    /// Rays from every surfel, whose hits are kept for all bounces.
+    Gather,
+    /// `Direct` where that is cheaper, otherwise `Fmm`.
     #[default]
     Auto,
 }
@@ -64,6 +71,9 @@ pub struct Options {
     pub order: Option<usize>,
     /// Bounces to follow; `None` goes on until the solution stands.
     pub max_bounces: Option<u32>,
+    /// Rays from each surfel with the method `Gather`, rounded up to a power of two; `None` casts as
+    /// many as the tolerance needs.
+    pub rays: Option<u32>,
     /// Seed of all samples: the same seed gives the same bits.
     pub seed: u64,
 }
@@ -126,7 +136,7 @@ pub fn illuminate(
     };
     let octree_seconds = clock.lap();
 
-    let method = choose(options.method, &backend, surfels.len())?;
+    let method = choose(options, &backend, surfels.len())?;
     let tester = tester(occluders.as_ref(), method, &backend)?;
     let visibility = Counted::new(tester.as_ref());
     let task = Task {
@@ -141,31 +151,36 @@ pub fn illuminate(
         progress,
     };
     let mut repairs = prepared.repairs.clone();
-    let solved = match (method, &backend) {
-        (Method::Direct, _) => task.direct(&mut repairs)?,
-        (Method::Classic, Backend::Cpu) => {
-            let points = CpuPointVisibility::<f32>::new(&surfels, Thresholds::default().point);
-            task.classic(&points, |links| {
-                task.by_operator(&Fmm::<f32>::new(&surfels, &octree, links), &mut repairs)
-            })?
-        }
-        (Method::Classic, Backend::Gpu { device, queue, .. }) => {
-            let gpu = Gpu::new(device, queue);
-            let points = GpuPointVisibility::new(&gpu, &surfels, Thresholds::default().point)?;
-            task.classic(&points, |links| {
-                let operator = GpuFmm::new(&gpu, &surfels, &octree, links)?;
-                task.by_operator(&operator, &mut repairs)
-            })?
-        }
-        (_, Backend::Cpu) => task.fmm(&mut repairs, &|links, work| {
-            work.solve(&Fmm::<f32>::new(&surfels, &octree, links), progress)
-        })?,
-        (_, Backend::Gpu { device, queue, .. }) => task.fmm(&mut repairs, &|links, work| {
-            let gpu = Gpu::new(device, queue);
-            work.solve(&GpuFmm::new(&gpu, &surfels, &octree, links)?, progress)
-        })?,
+    let device = match &backend {
+        Backend::Cpu => None,
+        Backend::Gpu { device, queue, .. } => Some(Gpu::new(device, queue)),
     };
-    let tests = visibility.seconds() + solved.tests;
+    let solve = |links: &Links, work: &Work| match &device {
+        None => work.solve(&Fmm::<f32>::new(&surfels, &octree, links), progress),
+        Some(gpu) => work.solve(&GpuFmm::new(gpu, &surfels, &octree, links)?, progress),
+    };
+    let whole = |links: &Links, repairs: &mut Vec<String>| match &device {
+        None => task.by_operator(&Fmm::<f32>::new(&surfels, &octree, links), repairs),
+        Some(gpu) => task.by_operator(&GpuFmm::new(gpu, &surfels, &octree, links)?, repairs),
+    };
+    let solved = match (method, &occluders) {
+        (Method::Direct, _) => task.direct(&mut repairs)?,
+        (Method::Classic, _) => {
+            let test = Thresholds::default().point;
+            let points: Box<dyn PointVisibility> = match &device {
+                None => Box::new(CpuPointVisibility::<f32>::new(&surfels, test)),
+                Some(gpu) => Box::new(GpuPointVisibility::new(gpu, &surfels, test)?),
+            };
+            task.classic(points.as_ref(), |links| whole(links, &mut repairs))?
+        }
+        (Method::Gather, Some(occluders)) => {
+            task.gather(occluders, options.rays, &mut repairs, &solve)?
+        }
+        _ => task.fmm(&mut repairs, &solve)?,
+    };
+    let casting = solved.rays.map_or(0.0, |rays| rays.seconds);
+    let tests = visibility.seconds() + solved.tests + casting;
+    let checks = solved.checked.map_or(0.0, |c| c.seconds);
     let rest = clock.lap();
     let map = IlluminationMap::new(&scene.cloud, &prepared, &surfels, &solved.irradiance);
     let (name, adapter) = match backend {
@@ -189,14 +204,18 @@ pub fn illuminate(
                 prepare,
                 octree: octree_seconds,
                 visibility: tests,
-                solve: solved.seconds,
+                solve: solved.seconds - checks,
+                checks,
                 links: (rest - tests - solved.seconds).max(0.0),
                 ..Seconds::default()
             },
             links: solved.links,
+            rays: solved.rays.map(|rays| rays.count),
+            standard_error: solved.rays.map(|rays| rays.standard_error),
             segments: visibility.segments(),
             peak_memory_bytes: None,
-            row_sum: solved.row_sum,
+            row_sum: solved.checked.map(|c| c.row_sum),
+            checks: solved.checked.map(|c| c.checks),
             repairs,
         },
         surfels,
@@ -238,9 +257,21 @@ fn expansions(
     Ok((order, leaf_size))
 }
 
-/// The method to use, if the backend can.
-fn choose(method: Method, backend: &Backend, surfels: usize) -> Result<Method> {
-    match (method, backend) {
+/// The method to use, if it can do what is asked for.
+fn choose(options: &Options, backend: &Backend, surfels: usize) -> Result<Method> {
+    match (options.method, backend) {
+        (Method::Gather, _) if options.occlusion == Occlusion::None => Err(Error::Usage(
+            "the gather method follows rays to the surface that they meet, which is in the way of \
+             all behind it: without occlusion use another method"
+                .into(),
+        )),
+        (Method::Gather, _) if options.rays.is_some_and(|n| !RAYS.contains(&n)) => {
+            Err(Error::Usage(format!(
+                "a surfel casts from {} to {} rays",
+                RAYS.start(),
+                RAYS.end()
+            )))
+        }
         (Method::Direct, Backend::Gpu { .. }) => Err(Error::Usage(
             "the direct method is the reference in f64 and runs on the CPU only: use --backend \
              cpu, or --method fmm"

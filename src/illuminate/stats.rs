@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::Method;
+use super::checks::Checks;
 
 /// Seconds spent, by stage.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -17,10 +18,12 @@ pub struct Seconds {
     pub octree: f64,
     /// Finding links, without their segments.
     pub links: f64,
-    /// Testing segments, for links and lights.
+    /// Testing segments, for links and lights, and casting rays.
     pub visibility: f64,
     /// Applying the operator until convergence.
     pub solve: f64,
+    /// Checking the operator.
+    pub checks: f64,
     /// Writing the files.
     pub write: f64,
     /// From start to end.
@@ -63,12 +66,18 @@ pub struct Stats {
     pub seconds: Seconds,
     /// Number of links by kind.
     pub links: BTreeMap<String, u64>,
+    /// Rays cast from each surfel, if any.
+    pub rays: Option<u32>,
+    /// Standard error of the irradiance that they leave, relative to its L2 norm.
+    pub standard_error: Option<f64>,
     /// Segments tested for visibility.
     pub segments: u64,
     /// Most memory of the process, where the system tells.
     pub peak_memory_bytes: Option<u64>,
     /// The part of its surroundings that a surfel sees: 1 in a closed room.
     pub row_sum: Option<RowSum>,
+    /// What physics asks of the operator: how far it is off.
+    pub checks: Option<Checks>,
     /// What was repaired or left out, in words with counts.
     pub repairs: Vec<String>,
 }

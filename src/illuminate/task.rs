@@ -1,11 +1,13 @@
-//! The ways from lights to irradiance: exact sums, links, and the lists of the report.
+//! The ways from lights to irradiance: exact sums, links, and the lists of the report (for rays see
+//! `rays`).
 
 use std::collections::BTreeMap;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
-use super::stats::RowSum;
+use super::checks::Checked;
+use super::rays::Rays;
 use super::work::{Bounced, Work};
 use crate::error::Result;
 use crate::lights;
@@ -48,13 +50,17 @@ pub(super) struct Task<'a> {
 pub(super) struct Solved {
     pub irradiance: Vec<DVec3>,
     pub ended: Ended,
-    pub row_sum: Option<RowSum>,
+    pub checked: Option<Checked>,
     pub links: BTreeMap<String, u64>,
-    /// Seconds of the solver.
+    pub rays: Option<Rays>,
+    /// Seconds of the solver, with those of the checks.
     pub seconds: f64,
     /// Seconds of tests of other kinds than segments.
     pub tests: f64,
 }
+
+/// How an operator made of links solves the equation, on one backend or the other.
+pub(super) type Solve<'a> = &'a dyn Fn(&Links, &Work) -> Result<Bounced>;
 
 impl Task<'_> {
     /// Everything by exact sums.
@@ -108,7 +114,7 @@ impl Task<'_> {
         Ok(Solved {
             irradiance: bounced.irradiance,
             ended: bounced.ended,
-            row_sum: Some(bounced.row_sum),
+            checked: bounced.checked,
             seconds: start.elapsed().as_secs_f64(),
             ..Solved::default()
         })
@@ -116,22 +122,8 @@ impl Task<'_> {
 
     /// Lights per surfel, then links for what is reflected: rough ones first, whose solution says
     /// where light is strong and where it is weak, then those that keep the tolerance.
-    pub fn fmm(
-        &self,
-        repairs: &mut Vec<String>,
-        solve: &dyn Fn(&Links, &Work) -> Result<Bounced>,
-    ) -> Result<Solved> {
-        let mut lights = self.lights(repairs)?;
-        let emitted = lights::emitters(
-            self.surfels,
-            self.tolerance,
-            self.seed,
-            self.visibility,
-            self.progress,
-        )?;
-        for (light, emitted) in lights.iter_mut().zip(emitted) {
-            *light += emitted;
-        }
+    pub fn fmm(&self, repairs: &mut Vec<String>, solve: Solve) -> Result<Solved> {
+        let lights = self.direct_light(repairs)?;
         let reflectance = || self.surfels.reflectance.iter().map(|r| r.as_dvec3());
         let ambient: DVec3 = lights.iter().sum::<DVec3>() / lights.len() as f64;
         let guess: Vec<DVec3> = lights
@@ -140,41 +132,39 @@ impl Task<'_> {
             .map(|(h, r)| r * (*h + ambient))
             .collect();
         if guess.iter().all(|b| *b == DVec3::ZERO) || self.max_bounces == Some(0) {
-            // Nothing is reflected.
-            return Ok(Solved {
-                irradiance: lights,
-                ended: Ended {
-                    converged: true,
-                    ..Ended::default()
-                },
-                ..Solved::default()
-            });
+            return Ok(Solved::without_reflection(lights));
         }
         let rough_stop = Stop {
             residual: ROUGH_RESIDUAL,
             bounces: None,
         };
         let mut seconds = 0.0;
-        let mut run = |accuracy: &Accuracy, start: Option<&[DVec3]>, stop: Stop| {
+        let mut run = |accuracy: &Accuracy, work: &Work| {
             let links = self.links(accuracy)?;
             let clock = Instant::now();
-            let bounced = solve(&links, &self.work(&lights, start, stop))?;
+            let bounced = solve(&links, work)?;
             seconds += clock.elapsed().as_secs_f64();
             Ok((links, bounced))
         };
         let rough = self.accuracy(&guess, None, ROUGH_ERROR);
-        let (_, rough) = run(&rough, None, rough_stop)?;
+        let work = self.work(&lights, None, rough_stop);
+        let unchecked = Work {
+            checked: None,
+            ..work
+        };
+        let (_, rough) = run(&rough, &unchecked)?;
         let allowed = match self.visibility.is_open() {
             true => self.tolerance,
             false => ERROR_A_LINK * self.tolerance,
         };
         let fine = self.accuracy(&rough.reflected, Some(&rough.irradiance), allowed);
-        let (links, fine) = run(&fine, Some(&rough.reflected), self.stop())?;
+        let work = self.work(&lights, Some(&rough.reflected), self.stop());
+        let (links, fine) = run(&fine, &work)?;
         Ok(Solved {
             irradiance: fine.irradiance,
             ended: fine.ended,
-            row_sum: Some(fine.row_sum),
-            links: named(links.counts()),
+            checked: fine.checked,
+            links: counts(&links),
             seconds,
             ..Solved::default()
         })
@@ -186,6 +176,22 @@ impl Task<'_> {
             true => links::build_open(surfels, octree, accuracy, progress),
             false => links::build(surfels, octree, accuracy, self.visibility, progress),
         }
+    }
+
+    /// Point lights, sky and emitters.
+    pub(super) fn direct_light(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {
+        let mut lights = self.lights(repairs)?;
+        let emitted = lights::emitters(
+            self.surfels,
+            self.tolerance,
+            self.seed,
+            self.visibility,
+            self.progress,
+        )?;
+        for (light, emitted) in lights.iter_mut().zip(emitted) {
+            *light += emitted;
+        }
+        Ok(lights)
     }
 
     /// Point lights and sky.
@@ -238,16 +244,22 @@ impl Task<'_> {
         )
     }
 
-    fn work<'w>(&'w self, lights: &'w [DVec3], start: Option<&'w [DVec3]>, stop: Stop) -> Work<'w> {
+    pub(super) fn work<'w>(
+        &'w self,
+        lights: &'w [DVec3],
+        start: Option<&'w [DVec3]>,
+        stop: Stop,
+    ) -> Work<'w> {
         Work {
             surfels: self.surfels,
             lights,
             start,
             stop,
+            checked: Some((self.visibility.inner(), self.seed)),
         }
     }
 
-    fn stop(&self) -> Stop {
+    pub(super) fn stop(&self) -> Stop {
         Stop {
             residual: (0.03 * self.tolerance).clamp(LEAST_RESIDUAL, 1e-3),
             bounces: self.max_bounces,
@@ -255,7 +267,24 @@ impl Task<'_> {
     }
 }
 
-/// Counts as the stats take them.
+impl Solved {
+    /// Light straight from the lights is all there is.
+    pub(super) fn without_reflection(irradiance: Vec<DVec3>) -> Solved {
+        Solved {
+            irradiance,
+            ended: Ended {
+                converged: true,
+                ..Ended::default()
+            },
+            ..Solved::default()
+        }
+    }
+}
+
+pub(super) fn counts(links: &Links) -> BTreeMap<String, u64> {
+    named(links.counts())
+}
+
 fn named<const N: usize>(counts: [(&str, u64); N]) -> BTreeMap<String, u64> {
     let owned = counts.into_iter().map(|(kind, n)| (kind.to_owned(), n));
     owned.collect()

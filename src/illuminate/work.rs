@@ -2,12 +2,13 @@
 
 use glam::DVec3;
 
-use super::stats::RowSum;
+use super::checks::{Bounce, Checked, check};
 use crate::error::{Error, Result};
 use crate::operator::{Fields, TransportOperator};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::solve::{Ended, Stop, solve};
+use crate::visibility::Visibility;
 
 /// A radiosity equation to solve: everything but the operator.
 pub(super) struct Work<'a> {
@@ -17,6 +18,9 @@ pub(super) struct Work<'a> {
     /// Reflected radiosity to start from.
     pub start: Option<&'a [DVec3]>,
     pub stop: Stop,
+    /// What the operator is checked with after the solve, if it is: the visibility that it was made
+    /// with, and a seed.
+    pub checked: Option<(&'a dyn Visibility, u64)>,
 }
 
 /// Solution of a [`Work`].
@@ -24,7 +28,7 @@ pub(super) struct Bounced {
     pub irradiance: Vec<DVec3>,
     pub reflected: Vec<DVec3>,
     pub ended: Ended,
-    pub row_sum: RowSum,
+    pub checked: Option<Checked>,
 }
 
 /// Bounces that are followed one by one where the equation has no solution: its row sums, a little
@@ -33,118 +37,115 @@ const BOUNCES_INSTEAD: u32 = 30;
 
 impl Work<'_> {
     /// Solves for the reflected radiosity, then takes one more step, whose change is the residual.
+    ///
+    /// All of it stays where the operator is; what the last step brings is all that comes back, and
+    /// with checks what it was made of.
     pub fn solve<O: TransportOperator>(
         &self,
         operator: &O,
         progress: &dyn Progress,
     ) -> Result<Bounced> {
-        let mut bounced = self.attempt(operator, self.stop, progress)?;
+        let unit = self.unit();
+        let (mut reflected, mut arrived, mut ended) =
+            self.attempt(operator, unit, self.stop, progress)?;
         // Bounces only add light: a solution below the lights is none.
-        if mean(&bounced.irradiance) < (1.0 - self.stop.residual) * mean(self.lights) {
+        if unit * sum(&arrived) < -self.stop.residual * sum(self.lights) {
             let stop = Stop {
                 bounces: Some(BOUNCES_INSTEAD),
                 ..self.stop
             };
-            bounced = self.attempt(operator, stop, progress)?;
-            bounced.ended.converged = false;
+            (reflected, arrived, ended) = self.attempt(operator, unit, stop, progress)?;
+            ended.converged = false;
         }
+        let check = |(visibility, seed)| {
+            let last = Bounce {
+                radiosity: &operator.fields().download(&reflected)?,
+                irradiance: &arrived,
+            };
+            check(operator, self.surfels, &last, visibility, seed, progress)
+        };
+        let checked = self.checked.map(check).transpose()?;
         // Expansions may leave a little less than nothing.
-        for h in &mut bounced.irradiance {
-            *h = h.max(DVec3::ZERO);
+        let irradiance: Vec<DVec3> = (arrived.iter().zip(self.lights))
+            .map(|(h, light)| (*h * unit + *light).max(DVec3::ZERO))
+            .collect();
+        Ok(Bounced {
+            reflected: (irradiance.iter().zip(self.reflectance()))
+                .map(|(h, r)| *h * r)
+                .collect(),
+            irradiance,
+            ended,
+            checked,
+        })
+    }
+
+    fn reflectance(&self) -> impl Iterator<Item = DVec3> {
+        self.surfels.reflectance.iter().map(|r| r.as_dvec3())
+    }
+
+    /// The brightest light, rounded to a power of two: in this unit squares stay in the range of f32,
+    /// and rounding is what it was.
+    fn unit(&self) -> f64 {
+        let brightest = self.lights.iter().map(|h| h.max_element());
+        match brightest.fold(0.0, f64::max) {
+            0.0 => 1.0,
+            light => light.log2().round().exp2(),
         }
-        bounced.reflected = reflect(&bounced.irradiance, &self.reflectance());
-        Ok(bounced)
     }
 
-    fn reflectance(&self) -> Vec<DVec3> {
-        let reflectance = self.surfels.reflectance.iter();
-        reflectance.map(|r| r.as_dvec3()).collect()
-    }
-
+    /// Reflected radiosity, the irradiance that it causes, and how the solver ended; light is in
+    /// this unit.
     fn attempt<O: TransportOperator>(
         &self,
         operator: &O,
+        unit: f64,
         stop: Stop,
         progress: &dyn Progress,
-    ) -> Result<Bounced> {
+    ) -> Result<Attempt<O>> {
         let fields = operator.fields();
-        let reflectance = self.reflectance();
-        let source = reflect(self.lights, &reflectance);
-        let start = self.start.map(|s| fields.upload(s)).transpose()?;
-        let (reflected, ended) = solve(
-            operator,
-            &fields.upload(&reflectance)?,
-            &fields.upload(&source)?,
-            start,
-            stop,
-            progress,
-        )?;
+        let reflectance = fields.upload(&self.reflectance().collect::<Vec<_>>())?;
+        let upload = |light: &[DVec3]| {
+            let light: Vec<DVec3> = light.iter().map(|h| *h / unit).collect();
+            fields.upload(&light)
+        };
+        let mut source = upload(self.lights)?;
+        fields.multiply(&reflectance, &mut source)?;
+        let start = self.start.map(upload).transpose()?;
+        let (reflected, ended) = solve(operator, &reflectance, &source, start, stop, progress)?;
         progress.check()?;
-        let bounced = fields.download(&operator.apply(&reflected)?)?;
-        let irradiance: Vec<DVec3> = bounced
-            .iter()
-            .zip(self.lights)
-            .map(|(h, light)| *h + *light)
-            .collect();
-        if !ended.residual.is_finite() || irradiance.iter().any(|h| !h.is_finite()) {
+        let arrived = operator.apply(&reflected)?;
+        let mut change = fields.copy(&arrived)?;
+        fields.multiply(&reflectance, &mut change)?;
+        fields.add(&[(1.0, &source), (-1.0, &reflected)], &mut change)?;
+        let change = fields.dot(&change, &change)?.sqrt();
+        let residual = match change > 0.0 {
+            true => change / fields.dot(&source, &source)?.sqrt(),
+            false => change,
+        };
+        let arrived = fields.download(&arrived)?;
+        if !residual.is_finite() || arrived.iter().any(|h| !h.is_finite()) {
             return Err(Error::Invalid(
                 "the solution is not finite: are coordinates, areas or lights of extreme size?"
                     .into(),
             ));
         }
-        let reflected = fields.download(&reflected)?;
-        let change = distance(&reflect(&irradiance, &reflectance), &reflected);
-        let residual = if change > 0.0 {
-            change / length(&source)
-        } else {
-            0.0
+        let ended = Ended {
+            iterations: ended.iterations + 1,
+            residual,
+            // The solver's own residual may have drifted by rounding.
+            converged: ended.converged
+                && (stop.bounces.is_some() || residual <= 2.0 * stop.residual),
         };
-        progress.check()?;
-        let ones = fields.upload(&vec![DVec3::ONE; self.surfels.len()])?;
-        let row_sums = fields.download(&operator.apply(&ones)?)?;
-        Ok(Bounced {
-            irradiance,
-            reflected,
-            ended: Ended {
-                iterations: ended.iterations + 1,
-                residual,
-                // The solver's own residual may have drifted by rounding.
-                converged: ended.converged
-                    && (stop.bounces.is_some() || residual <= 2.0 * stop.residual),
-            },
-            row_sum: RowSum {
-                max: row_sums.iter().fold(0.0, |m, r| m.max(r.x)),
-                mean: row_sums.iter().map(|r| r.x).sum::<f64>() / row_sums.len() as f64,
-            },
-        })
+        Ok((reflected, arrived, ended))
     }
 }
 
-/// ρ H
-fn reflect(irradiance: &[DVec3], reflectance: &[DVec3]) -> Vec<DVec3> {
-    irradiance
-        .iter()
-        .zip(reflectance)
-        .map(|(h, r)| h * r)
-        .collect()
-}
+type Attempt<O> = (
+    <<O as TransportOperator>::Fields as Fields>::Field,
+    Vec<DVec3>,
+    Ended,
+);
 
-fn mean(irradiance: &[DVec3]) -> f64 {
-    irradiance.iter().map(|h| h.element_sum()).sum::<f64>() / irradiance.len() as f64
-}
-
-fn length(values: &[DVec3]) -> f64 {
-    values
-        .iter()
-        .map(|v| v.length_squared())
-        .sum::<f64>()
-        .sqrt()
-}
-
-fn distance(a: &[DVec3], b: &[DVec3]) -> f64 {
-    let pairs = a.iter().zip(b);
-    pairs
-        .map(|(a, b)| a.distance_squared(*b))
-        .sum::<f64>()
-        .sqrt()
+fn sum(irradiance: &[DVec3]) -> f64 {
+    irradiance.iter().map(|h| h.element_sum()).sum()
 }

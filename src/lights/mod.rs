@@ -8,6 +8,7 @@ mod sky;
 pub use emitters::emitters;
 pub use points::{Illuminated, point_lights};
 pub use sky::sky;
+pub(crate) use sky::visible_sky;
 
 /// Surfels whose segments are tested in one batch.
 const BATCH: usize = 1 << 14;

@@ -8,8 +8,8 @@ use super::BATCH;
 use crate::error::Result;
 use crate::points::Surfels;
 use crate::progress::Progress;
-use crate::random::{Purpose, stream};
-use crate::visibility::{NO_SURFEL, Segment, Visibility};
+use crate::random::{Purpose, cosine_direction, stream};
+use crate::visibility::{Segment, Visibility};
 
 /// Irradiance from a uniform sky all around that gives an open plane the irradiance `sky`: the
 /// share of cosine-weighted, stratified directions that leave the cloud.
@@ -24,57 +24,50 @@ pub fn sky(
     progress: &dyn Progress,
 ) -> Result<Vec<DVec3>> {
     let strata = tolerance.powf(-2.0 / 3.0).ceil().clamp(4.0, 64.0) as usize;
-    let directions = strata * strata;
-    let reach = 2.0
-        * surfels
-            .positions
-            .iter()
-            .fold(0.0_f32, |r, p| r.max(p.length()));
-    let batch = (BATCH * 32 / directions).max(1);
+    let batch = (BATCH * 32 / (strata * strata)).max(1);
+    let all: Vec<u32> = (0..surfels.len() as u32).collect();
     let mut irradiance = Vec::with_capacity(surfels.len());
     progress.stage("sky", surfels.len() as u64);
-    while irradiance.len() < surfels.len() {
+    for some in all.chunks(batch) {
         progress.check()?;
-        let first = irradiance.len();
-        let last = (first + batch).min(surfels.len());
-        let segments: Vec<Segment> = (first..last)
-            .into_par_iter()
-            .flat_map_iter(|i| {
-                let mut random = stream(seed, Purpose::Sky, i as u64);
-                let from = surfels.above(i);
-                (0..directions).map(move |k| {
-                    let u = (k / strata) as f32 + random.random::<f32>();
-                    let v = (k % strata) as f32 + random.random::<f32>();
-                    let way = cosine_direction(
-                        surfels.normals[i],
-                        surfels.cells.tangents[i],
-                        u / strata as f32,
-                        v / strata as f32,
-                    );
-                    Segment {
-                        from: from.to_array(),
-                        skip_from: i as u32,
-                        to: (from + way * reach).to_array(),
-                        skip_to: NO_SURFEL,
-                    }
-                })
-            })
-            .collect();
-        let visible = visibility.visible(&segments)?;
-        irradiance.extend(visible.chunks(directions).map(|seen| {
-            let share = seen.iter().filter(|&&v| v).count() as f64 / directions as f64;
-            sky.as_dvec3() * share
-        }));
-        progress.advance((last - first) as u64);
+        let shares = visible_sky(surfels, some, strata, seed, Purpose::Sky, visibility)?;
+        irradiance.extend(shares.into_iter().map(|share| sky.as_dvec3() * share));
+        progress.advance(some.len() as u64);
     }
     Ok(irradiance)
 }
 
-/// Cosine-weighted direction about `normal` for (u, v) in the unit square (Malley's method).
-fn cosine_direction(normal: Vec3, tangent: Vec3, u: f32, v: f32) -> Vec3 {
-    let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
-    let radius = u.sqrt();
-    tangent * (radius * cos)
-        + normal.cross(tangent) * (radius * sin)
-        + normal * (1.0 - u).max(0.0).sqrt()
+/// The share of `strata`² cosine-weighted, stratified directions that leave the cloud, from each of
+/// these surfels.
+pub(crate) fn visible_sky(
+    surfels: &Surfels,
+    some: &[u32],
+    strata: usize,
+    seed: u64,
+    purpose: Purpose,
+    visibility: &dyn Visibility,
+) -> Result<Vec<f64>> {
+    let directions = strata * strata;
+    let reach = surfels.reach();
+    let segments: Vec<Segment> = some
+        .par_iter()
+        .flat_map_iter(|&i| {
+            let mut random = stream(seed, purpose, i.into());
+            let i = i as usize;
+            (0..directions).map(move |k| {
+                let u = (k / strata) as f32 + random.random::<f32>();
+                let v = (k % strata) as f32 + random.random::<f32>();
+                let way = cosine_direction(
+                    surfels.normals[i],
+                    surfels.cells.tangents[i],
+                    u / strata as f32,
+                    v / strata as f32,
+                );
+                surfels.ray(i, way * reach)
+            })
+        })
+        .collect();
+    let visible = visibility.visible(&segments)?;
+    let share = |seen: &[bool]| seen.iter().filter(|&&v| v).count() as f64 / directions as f64;
+    Ok(visible.chunks(directions).map(share).collect())
 }

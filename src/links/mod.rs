@@ -7,6 +7,7 @@ mod classic;
 mod csr;
 mod dual;
 mod facing;
+mod gather;
 mod judge;
 mod near;
 pub mod open;
@@ -20,6 +21,7 @@ pub use classic::{CLASSIC_LEAF_SIZE, State, States, Tally, Thresholds, classic};
 pub use csr::{Entry, Rows};
 pub use dual::{Mac, THETA, Verdict, dual};
 pub use facing::{CLAMPED, Cosines, Facing};
+pub use gather::{gather, mean};
 pub use open::build_open;
 pub use spans::Span;
 pub use walk::Interaction;
@@ -52,7 +54,8 @@ pub struct Links {
     /// Facet from facet where only some pairs face each other: the weight is the mean of the clamped
     /// kernel times visibility, which acts on the source's power.
     pub sampled: Rows,
-    /// Surfel from surfel: the weight is the form factor times the visibility.
+    /// Surfel from surfel: the weight is the form factor times the visibility, or the part of the rays
+    /// that stands for both.
     pub near: Rows,
     /// Error of the irradiance that is expected of the expansions where nothing is in the way: root
     /// mean square over the surfels, if errors of different links are independent. Sampled links, which

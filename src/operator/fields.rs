@@ -19,14 +19,24 @@ pub trait Fields {
     fn download(&self, field: &Self::Field) -> Result<Vec<DVec3>>;
     /// The same values once more.
     fn copy(&self, field: &Self::Field) -> Result<Self::Field>;
-    /// y += a x
-    fn axpy(&self, a: f64, x: &Self::Field, y: &mut Self::Field) -> Result<()>;
+    /// y += Σ a x over the terms (a, x)
+    fn add(&self, terms: &[(f64, &Self::Field)], y: &mut Self::Field) -> Result<()>;
     /// x *= a
     fn scale(&self, a: f64, x: &mut Self::Field) -> Result<()>;
     /// x *= factor, surfel by surfel and channel by channel
     fn multiply(&self, factor: &Self::Field, x: &mut Self::Field) -> Result<()>;
+    /// Σ x · y over surfels and channels, for each x; waits for all of them together.
+    fn dots(&self, xs: &[&Self::Field], y: &Self::Field) -> Result<Vec<f64>>;
+
+    /// y += a x
+    fn axpy(&self, a: f64, x: &Self::Field, y: &mut Self::Field) -> Result<()> {
+        self.add(&[(a, x)], y)
+    }
+
     /// Σ x · y over surfels and channels
-    fn dot(&self, x: &Self::Field, y: &Self::Field) -> Result<f64>;
+    fn dot(&self, x: &Self::Field, y: &Self::Field) -> Result<f64> {
+        Ok(self.dots(&[x], y)?.iter().sum())
+    }
 }
 
 /// Fields in main memory.
@@ -54,9 +64,11 @@ impl<T: Real> Fields for HostFields<T> {
         Ok(field.clone())
     }
 
-    fn axpy(&self, a: f64, x: &Self::Field, y: &mut Self::Field) -> Result<()> {
-        let a = T::from_f64(a);
-        y.par_iter_mut().zip(x).for_each(|(y, &x)| *y += x * a);
+    fn add(&self, terms: &[(f64, &Self::Field)], y: &mut Self::Field) -> Result<()> {
+        for &(a, x) in terms {
+            let a = T::from_f64(a);
+            y.par_iter_mut().zip(x).for_each(|(y, &x)| *y += x * a);
+        }
         Ok(())
     }
 
@@ -71,12 +83,15 @@ impl<T: Real> Fields for HostFields<T> {
         Ok(())
     }
 
-    fn dot(&self, x: &Self::Field, y: &Self::Field) -> Result<f64> {
-        let blocks: Vec<f64> = x
-            .par_chunks(BLOCK)
-            .zip(y.par_chunks(BLOCK))
-            .map(|(x, y)| x.iter().zip(y).map(|(a, b)| a.dot(*b).to_f64()).sum())
-            .collect();
-        Ok(blocks.iter().sum())
+    fn dots(&self, xs: &[&Self::Field], y: &Self::Field) -> Result<Vec<f64>> {
+        let dot = |x: &&Self::Field| {
+            let blocks: Vec<f64> = x
+                .par_chunks(BLOCK)
+                .zip(y.par_chunks(BLOCK))
+                .map(|(x, y)| x.iter().zip(y).map(|(a, b)| a.dot(*b).to_f64()).sum())
+                .collect();
+            blocks.iter().sum()
+        };
+        Ok(xs.iter().map(dot).collect())
     }
 }

@@ -1,16 +1,22 @@
 //! Fields on a device.
 
 use glam::DVec3;
-use wgpu::{Buffer, BufferUsages};
+use wgpu::{BindingResource, Buffer, BufferBinding, BufferSize, BufferUsages};
 
 use super::Fields;
 use crate::error::{Error, Result};
-use crate::passes::gpu::{Batches, Gpu, Pieces, Pipeline, WORKGROUP, wgsl};
+use crate::passes::gpu::{Batch, Batches, Gpu, Pieces, Pipeline, WORKGROUP, wgsl};
 
-/// Items that one invocation of an inner product sums up in f32; the host adds these sums in f64.
+/// Items that one invocation of an inner product sums up in f32.
 const PART: usize = WORKGROUP as usize;
 /// Items that a workgroup sums up.
 const BLOCK: usize = PART * WORKGROUP as usize;
+/// Sums that the device makes of these parts, and the host adds up in f64.
+const SUMS: usize = WORKGROUP as usize;
+/// Bytes of them: as many as a binding's offset may have to be a multiple of.
+const SUM_BYTES: usize = SUMS * size_of::<f32>();
+/// Inner products of which the sums are read together.
+const TOGETHER: usize = 32;
 /// What a buffer must be made for to serve as a field.
 const USAGES: BufferUsages = BufferUsages::STORAGE
     .union(BufferUsages::COPY_SRC)
@@ -22,7 +28,7 @@ const USAGES: BufferUsages = BufferUsages::STORAGE
 /// where it is read and 0 where it is written. A buffer that the caller made on the same device
 /// will do as well, if it is as long and has the usages `STORAGE`, `COPY_SRC` and `COPY_DST`.
 ///
-/// Work is handed to the queue in order, without waiting; `dot` and `download` wait, and fail with
+/// Work is handed to the queue in order, without waiting; `dots` and `download` wait, and fail with
 /// [`Error::Device`] if anything before them was not carried out.
 pub struct GpuFields {
     gpu: Gpu,
@@ -32,10 +38,16 @@ pub struct GpuFields {
     scale: Pipeline,
     multiply: Pipeline,
     inner_product: Pipeline,
+    sum: Pipeline,
     items: Pieces,
-    parts: Pieces,
-    part_count: usize,
-    /// Sums of an inner product.
+    by_part: Pieces,
+    by_sum: Pieces,
+    /// How many items and parts there are.
+    item_count: Buffer,
+    part_count: Buffer,
+    /// Parts of an inner product.
+    parts: Buffer,
+    /// Sums of [`TOGETHER`] inner products.
     sums: Buffer,
 }
 
@@ -56,10 +68,14 @@ impl GpuFields {
             scale: Pipeline::new(gpu, &wgsl::SCALE)?,
             multiply: Pipeline::new(gpu, &wgsl::MULTIPLY)?,
             inner_product: Pipeline::new(gpu, &wgsl::INNER_PRODUCT)?,
+            sum: Pipeline::new(gpu, &wgsl::SUM)?,
             items: Pieces::new(gpu, len as u32, |_| 3)?,
-            parts: Pieces::of(gpu, &[0..parts as u32], 1, block)?,
-            part_count: parts,
-            sums: gpu.storage("sums", parts * size_of::<f32>())?,
+            by_part: Pieces::of(gpu, &[0..parts as u32], 1, block)?,
+            by_sum: Pieces::new(gpu, SUMS as u32, |_| parts / SUMS)?,
+            item_count: gpu.uniform("items", &[len as u32])?,
+            part_count: gpu.uniform("parts", &[parts as u32])?,
+            parts: gpu.storage("parts", parts * size_of::<f32>())?,
+            sums: gpu.storage("sums", TOGETHER * SUM_BYTES)?,
         })
     }
 
@@ -127,11 +143,15 @@ impl Fields for GpuFields {
         Ok(copy)
     }
 
-    fn axpy(&self, a: f64, x: &Buffer, y: &mut Buffer) -> Result<()> {
-        let a = self.gpu.uniform("a", &[a as f32])?;
-        let a = a.as_entire_binding();
-        self.batches.run("axpy", |batch| {
-            batch.dispatch(&self.axpy, &[a], &[(x, 1), (y, 1)], &self.items)
+    fn add(&self, terms: &[(f64, &Buffer)], y: &mut Buffer) -> Result<()> {
+        let uniform = |&(a, _): &(f64, _)| self.gpu.uniform("a", &[a as f32]);
+        let factors: Vec<Buffer> = terms.iter().map(uniform).collect::<Result<_>>()?;
+        self.batches.run("add", |batch| {
+            for (a, &(_, x)) in factors.iter().zip(terms) {
+                let a = a.as_entire_binding();
+                batch.dispatch(&self.axpy, &[a], &[(x, 1), (y, 1)], &self.items)?;
+            }
+            Ok(())
         })
     }
 
@@ -149,15 +169,40 @@ impl Fields for GpuFields {
         })
     }
 
-    fn dot(&self, x: &Buffer, y: &Buffer) -> Result<f64> {
-        let items = self.gpu.uniform("items", &[self.len as u32])?;
-        let resources = [&items, &self.sums].map(|b| b.as_entire_binding());
-        let fields = [(x, 1), (y, 1)];
-        let sums: Vec<f32> =
-            self.batches
-                .run_and_read("inner product", &self.sums, self.part_count, |batch| {
-                    batch.dispatch(&self.inner_product, &resources, &fields, &self.parts)
-                })?;
-        Ok(sums.into_iter().map(f64::from).sum())
+    fn dots(&self, xs: &[&Buffer], y: &Buffer) -> Result<Vec<f64>> {
+        let mut products = Vec::with_capacity(xs.len());
+        let parts = || self.parts.as_entire_binding();
+        for xs in xs.chunks(TOGETHER) {
+            let record = |batch: &mut Batch| {
+                for (k, &x) in xs.iter().enumerate() {
+                    let items = self.item_count.as_entire_binding();
+                    let vectors = [(x, 1), (y, 1)];
+                    batch.dispatch(
+                        &self.inner_product,
+                        &[items, parts()],
+                        &vectors,
+                        &self.by_part,
+                    )?;
+                    let resources = [
+                        self.part_count.as_entire_binding(),
+                        parts(),
+                        BindingResource::Buffer(BufferBinding {
+                            buffer: &self.sums,
+                            offset: (k * SUM_BYTES) as u64,
+                            size: BufferSize::new(SUM_BYTES as u64),
+                        }),
+                    ];
+                    batch.dispatch(&self.sum, &resources, &[], &self.by_sum)?;
+                }
+                Ok(())
+            };
+            let count = xs.len() * SUMS;
+            let sums: Vec<f32> =
+                self.batches
+                    .run_and_read("inner products", &self.sums, count, record)?;
+            let product = |sums: &[f32]| sums.iter().copied().map(f64::from).sum::<f64>();
+            products.extend(sums.chunks(SUMS).map(product));
+        }
+        Ok(products)
     }
 }

@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::memory;
 use crate::progress::Progress;
 use crate::scene::BRIGHTEST;
-use crate::visibility::Segment;
+use crate::visibility::{NO_SURFEL, Segment};
 
 /// The points that take part in the transport.
 ///
@@ -171,6 +171,23 @@ impl Surfels {
             to: self.above(j).to_array(),
             skip_to: j as u32,
         }
+    }
+
+    /// A segment from above a surfel to anywhere, its own cell not in the way.
+    pub fn ray(&self, i: usize, way: Vec3) -> Segment {
+        let from = self.above(i);
+        Segment {
+            from: from.to_array(),
+            skip_from: i as u32,
+            to: (from + way).to_array(),
+            skip_to: NO_SURFEL,
+        }
+    }
+
+    /// Length at which a ray from any surfel has left the cloud.
+    pub fn reach(&self) -> f32 {
+        let farthest = |r: f32, p: &Vec3| r.max(p.length());
+        2.0 * self.positions.iter().fold(0.0, farthest)
     }
 
     /// Where segments that end at a surfel end: its position, lifted along the normal.

@@ -1,10 +1,14 @@
-//! The cells as occluders under a bounding volume hierarchy, in the layout that CPU and GPU share.
+//! The cells as occluders under a bounding volume hierarchy, in the layouts of GPU and CPU.
+
+use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
 
 use crate::points::{MAX_EDGES, Surfels};
+
+use super::wide::{WideNode, widened};
 
 /// Most occluders in a leaf.
 const LEAF: usize = 4;
@@ -52,8 +56,10 @@ pub struct Occluder {
 /// The cells of a cloud, ready for segments to be tested against.
 #[derive(Clone, Debug)]
 pub struct Occluders {
-    /// At least one node; the root's `skip` is their number.
+    /// At least one node; the root's `skip` is their number. Devices walk them.
     pub nodes: Vec<Node>,
+    /// The same hierarchy for the CPU.
+    pub wide: Vec<WideNode>,
     /// In the order of the leaves.
     pub occluders: Vec<Occluder>,
 }
@@ -62,11 +68,16 @@ impl Node {
     /// Low bits of `leaf` that hold the number of occluders.
     pub const COUNT_BITS: u32 = 3;
 
-    /// The occluders of a leaf; none of an inner node.
+    /// The occluders of a leaf, as `leaf` says them.
     #[inline(always)]
-    pub fn occluders(&self) -> std::ops::Range<usize> {
-        let first = (self.leaf >> Self::COUNT_BITS) as usize;
-        first..first + (self.leaf & ((1 << Self::COUNT_BITS) - 1)) as usize
+    pub(super) fn occluders_of(leaf: u32) -> Range<usize> {
+        let first = (leaf >> Self::COUNT_BITS) as usize;
+        first..first + (leaf & ((1 << Self::COUNT_BITS) - 1)) as usize
+    }
+
+    /// Half the surface of the box: its chance to be met, up to a factor.
+    pub(super) fn area(&self) -> f32 {
+        half_area(Vec3A::from(self.max) - Vec3A::from(self.min))
     }
 }
 
@@ -85,7 +96,11 @@ impl Occluders {
             .par_iter()
             .map(|item| Occluder::new(surfels, item.surfel as usize))
             .collect();
-        Occluders { nodes, occluders }
+        Occluders {
+            wide: widened(&nodes),
+            nodes,
+            occluders,
+        }
     }
 }
 
@@ -319,7 +334,11 @@ impl Bin {
         if self.count == 0 {
             return 0.0;
         }
-        let d = self.max - self.min;
-        (d.x * d.y + d.y * d.z + d.z * d.x) * self.count as f32
+        half_area(self.max - self.min) * self.count as f32
     }
+}
+
+/// Half the surface of a box of this size.
+fn half_area(d: Vec3A) -> f32 {
+    d.x * d.y + d.y * d.z + d.z * d.x
 }

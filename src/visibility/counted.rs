@@ -22,6 +22,11 @@ impl<'a> Counted<'a> {
         }
     }
 
+    /// What tests them, without the count.
+    pub fn inner(&self) -> &'a dyn Visibility {
+        self.inner
+    }
+
     /// Segments tested so far.
     pub fn segments(&self) -> u64 {
         self.segments.load(Ordering::Relaxed)

@@ -7,6 +7,7 @@ mod pairs;
 mod point_visible;
 mod seen;
 mod segment;
+mod wide;
 
 use std::marker::PhantomData;
 
@@ -22,7 +23,8 @@ pub use point_visible::{
     CpuPointVisibility, LOOKUP, MAX_CLOSEST, Point, PointTest, Points, segment_of,
 };
 pub use seen::Seen;
-pub use segment::{blocked, meets_cell};
+pub use segment::{Hit, RIM, blocked, first_hit, meeting};
+pub use wide::WideNode;
 
 /// Stands for "no surfel" in [`Segment`]'s skip fields.
 pub const NO_SURFEL: u32 = u32::MAX;

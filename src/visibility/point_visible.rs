@@ -28,7 +28,8 @@ use crate::points::Surfels;
 
 use super::bvh::{Item, hierarchy};
 use super::pairs::of_facing;
-use super::segment::{inverse, meets_box, vector};
+use super::segment::{ends, excludes, line, vector};
+use super::wide::{WideNode, walk, widened};
 use super::{Node, PointVisibility, Segment};
 
 /// Entries of the look-up table.
@@ -84,7 +85,10 @@ pub struct Point {
 #[derive(Clone, Debug)]
 pub struct Points {
     /// Over the discs of radius Δ around the points.
+    /// Devices walk them.
     pub nodes: Vec<Node>,
+    /// The same hierarchy for the CPU.
+    pub wide: Vec<WideNode>,
     /// In the order of the leaves.
     pub points: Vec<Point>,
 }
@@ -114,6 +118,7 @@ impl Points {
             }
         };
         Points {
+            wide: widened(&nodes),
             nodes,
             points: discs.par_iter().map(point).collect(),
         }
@@ -178,37 +183,34 @@ impl PointTest {
         }
         let threshold = T::from_f32(self.threshold);
         let limit = T::from_f32(self.limit());
-        let p = vector::<T>(segment.from);
-        let q = vector::<T>(segment.to);
+        let (p, q) = ends::<T>(segment);
         let ends = Ends::<T>::new(p, q);
         let mut closest = Closest::<T>::new(self.closest);
-        let inverse = (q - p).to_array().map(inverse);
-        let mut i = 0;
-        while let Some(node) = points.nodes.get(i) {
-            if !meets_box(node, p.to_array(), inverse) {
-                i += node.skip as usize;
-                continue;
-            }
-            for at in node.occluders() {
-                let point = &points.points[at];
-                let crossing = ends.crossing(point, limit);
-                let excluded = [segment.skip_from, segment.skip_to].contains(&point.surfel);
-                if crossing >= limit || excluded {
-                    continue;
+        let mut part = 1.0;
+        walk::<false>(
+            &points.wide,
+            &line(segment),
+            &mut part,
+            &mut |part, range| {
+                for point in &points.points[range] {
+                    let crossing = ends.crossing(point, limit);
+                    if crossing >= limit || excludes(segment, point.surfel) {
+                        continue;
+                    }
+                    // What alone is enough needs no others.
+                    if self.look_up(crossing.sqrt()) <= threshold {
+                        *part = -1.0;
+                        return;
+                    }
+                    closest.add(Occluder {
+                        distance: ends.distance(point),
+                        surfel: point.surfel,
+                        crossing,
+                    });
                 }
-                // What alone is enough needs no others.
-                if self.look_up(crossing.sqrt()) <= threshold {
-                    return false;
-                }
-                closest.add(Occluder {
-                    distance: ends.distance(point),
-                    surfel: point.surfel,
-                    crossing,
-                });
-            }
-            i += 1;
-        }
-        closest.visibility(self) > threshold
+            },
+        );
+        part >= 0.0 && closest.visibility(self) > threshold
     }
 
     /// Visibility past an occluder whose plane is crossed this far from it, in spacings.

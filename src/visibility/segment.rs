@@ -1,45 +1,124 @@
-//! One segment against the cells, on the CPU; `shaders/visibility.wgsl` does the same in the same
-//! order.
+//! One segment against the cells, on the CPU; `shaders/visibility.wgsl` tests cells alike.
+
+use glam::Vec4;
 
 use crate::math::{Real, Vector};
 use crate::points::MAX_EDGES;
 
-use super::{Node, Occluder, Occluders, Segment};
+use super::wide::{Line, walk};
+use super::{NO_SURFEL, Occluder, Occluders, Segment};
 
 /// Smallest component of a direction that boxes are tested with: its inverse stays finite.
-const SMALLEST: f64 = 1e-20;
-/// The far side of a box moves out by this, so that rounding never loses a box that is met
-/// (Ize 2013, "Robust BVH ray traversal").
-const ROUNDING: f32 = 1.0 + 4.0 * f32::EPSILON;
+const SMALLEST: f32 = 1e-20;
+/// Scale of the cells that a segment may have passed by at a gap. (Of the rays in the scene organic, of
+/// 8,000 points, 2.2% end at backs without it, 0.4% at 1.5, 0.16% at 2; all should end at fronts.)
+pub const RIM: f32 = 2.0;
 
 /// Whether a cell, other than the two that the segment excludes, is met strictly between its ends.
 pub fn blocked<T: Real>(occluders: &Occluders, segment: &Segment) -> bool {
-    let from = vector::<T>(segment.from);
-    let to = vector::<T>(segment.to);
-    let start = from.to_array();
-    let inverse = (to - from).to_array().map(inverse);
-    let mut i = 0;
-    while let Some(node) = occluders.nodes.get(i) {
-        if !meets_box(node, start, inverse) {
-            i += node.skip as usize;
-            continue;
-        }
-        for occluder in &occluders.occluders[node.occluders()] {
-            if meets_cell::<T>(occluder, from, to)
-                && occluder.surfel != segment.skip_from
-                && occluder.surfel != segment.skip_to
-            {
-                return true;
+    let (from, to) = ends::<T>(segment);
+    let mut limit = 1.0;
+    walk::<false>(
+        &occluders.wide,
+        &line(segment),
+        &mut limit,
+        &mut |limit, range| {
+            let met = |cell: &Occluder| {
+                meeting::<T>(cell, from, to).is_some() && !excludes(segment, cell.surfel)
+            };
+            if occluders.occluders[range].iter().any(met) {
+                *limit = -1.0;
             }
-        }
-        i += 1;
-    }
-    false
+        },
+    );
+    limit < 0.0
 }
 
-/// Whether the open segment crosses the plane of a cell inside it or on its edge; a segment in the
-/// plane does not cross it. Exchanging the ends does not change the answer, not even by rounding.
-pub fn meets_cell<T: Real>(cell: &Occluder, from: T::Vec3, to: T::Vec3) -> bool {
+/// A cell that a segment meets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Hit {
+    pub surfel: u32,
+    /// Whether it is met on the side of its normal.
+    pub front: bool,
+}
+
+/// The cell that a segment meets first, other than the two that it excludes.
+///
+/// Where neighbours are not in one plane, there are gaps between their cells. A segment that comes to
+/// the back of a surface may have slipped through one: then it meets the first cell that it passed by
+/// on the front, within [`RIM`].
+pub fn first_hit<T: Real>(occluders: &Occluders, segment: &Segment) -> Option<Hit> {
+    let (from, to) = ends::<T>(segment);
+    let rim = T::from_f32(RIM);
+    let nowhere = (T::ONE, NO_SURFEL);
+    let (mut first, mut front) = (nowhere, true);
+    let mut passed_by = nowhere;
+    walk::<true>(
+        &occluders.wide,
+        &line(segment),
+        &mut 1.0,
+        &mut |limit, range| {
+            for cell in &occluders.occluders[range] {
+                let Some(crossing) = crossing::<T>(cell, from, to, rim) else {
+                    continue;
+                };
+                let here = (crossing.part(), cell.surfel);
+                if here >= first || excludes(segment, cell.surfel) {
+                    continue;
+                }
+                if covers(cell, crossing.at) {
+                    (first, front) = (here, crossing.is_front());
+                    *limit = here.0.to_f64() as f32;
+                } else if crossing.is_front() && here < passed_by {
+                    let at = crossing.at.map(|x| x / rim);
+                    if covers(cell, at) {
+                        passed_by = here;
+                    }
+                }
+            }
+        },
+    );
+    if !front && passed_by < first {
+        (first, front) = (passed_by, true);
+    }
+    (first.1 != NO_SURFEL).then_some(Hit {
+        surfel: first.1,
+        front,
+    })
+}
+
+/// Where the open segment crosses the plane of a cell inside it or on its edge, as a part of its
+/// length; a segment in the plane does not cross it. Exchanging the ends does not change whether it
+/// does, not even by rounding.
+pub fn meeting<T: Real>(cell: &Occluder, from: T::Vec3, to: T::Vec3) -> Option<T> {
+    let crossing = crossing::<T>(cell, from, to, T::ONE)?;
+    covers(cell, crossing.at).then(|| crossing.part())
+}
+
+/// Where an open segment crosses the plane of a cell.
+struct Crossing<T> {
+    /// Heights of its ends above the plane.
+    heights: [T; 2],
+    /// Along (tangent, normal × tangent) from the surfel.
+    at: [T; 2],
+}
+
+impl<T: Real> Crossing<T> {
+    /// As a part of the segment's length.
+    #[inline(always)]
+    fn part(&self) -> T {
+        self.heights[0] / (self.heights[0] - self.heights[1])
+    }
+
+    #[inline(always)]
+    fn is_front(&self) -> bool {
+        self.heights[0] > T::ZERO
+    }
+}
+
+/// `None` too where it lies outside of the cell's circle times `scale`.
+#[inline(always)]
+fn crossing<T: Real>(cell: &Occluder, from: T::Vec3, to: T::Vec3, scale: T) -> Option<Crossing<T>> {
     let position = vector::<T>(cell.position);
     let normal = vector::<T>(cell.normal);
     let p = from - position;
@@ -48,15 +127,22 @@ pub fn meets_cell<T: Real>(cell: &Occluder, from: T::Vec3, to: T::Vec3) -> bool 
     let b = q.dot(normal);
     let crosses = (a < T::ZERO && b > T::ZERO) || (a > T::ZERO && b < T::ZERO);
     if !crosses {
-        return false;
+        return None;
     }
     let hit = (p * b - q * a) * (T::ONE / (b - a));
-    if hit.dot(hit) > T::from_f32(cell.radius_squared) {
-        return false;
+    if hit.dot(hit) > T::from_f32(cell.radius_squared) * (scale * scale) {
+        return None;
     }
     let tangent = vector::<T>(cell.tangent);
-    let x = hit.dot(tangent);
-    let y = hit.dot(normal.cross(tangent));
+    Some(Crossing {
+        heights: [a, b],
+        at: [hit.dot(tangent), hit.dot(normal.cross(tangent))],
+    })
+}
+
+/// Whether a place in the plane of a cell lies inside it or on its edge.
+#[inline(always)]
+fn covers<T: Real>(cell: &Occluder, [x, y]: [T; 2]) -> bool {
     let corner = |k: usize| cell.corners[k % MAX_EDGES].map(T::from_f32);
     (0..MAX_EDGES).all(|k| {
         let [cx, cy] = corner(k);
@@ -65,40 +151,28 @@ pub fn meets_cell<T: Real>(cell: &Occluder, from: T::Vec3, to: T::Vec3) -> bool 
     })
 }
 
-/// Whether a segment meets a box, which may err on the side of yes.
-#[inline(always)]
-pub(super) fn meets_box<T: Real>(node: &Node, start: [T; 3], inverse: [T; 3]) -> bool {
-    let mut near = T::ZERO;
-    let mut far = T::ONE;
-    for axis in 0..3 {
-        let a = (T::from_f32(node.min[axis]) - start[axis]) * inverse[axis];
-        let b = (T::from_f32(node.max[axis]) - start[axis]) * inverse[axis];
-        near = greater(near, lesser(a, b));
-        far = lesser(far, greater(a, b));
-    }
-    near <= far * T::from_f32(ROUNDING)
+pub(super) fn excludes(segment: &Segment, surfel: u32) -> bool {
+    surfel == segment.skip_from || surfel == segment.skip_to
 }
 
-pub(super) fn inverse<T: Real>(x: T) -> T {
-    let smallest = T::from_f64(SMALLEST);
-    if x.abs() >= smallest {
-        T::ONE / x
-    } else if x < T::ZERO {
-        -T::ONE / smallest
+pub(super) fn ends<T: Real>(segment: &Segment) -> (T::Vec3, T::Vec3) {
+    (vector::<T>(segment.from), vector::<T>(segment.to))
+}
+
+/// What boxes are tested with.
+pub(super) fn line(segment: &Segment) -> Line {
+    Line {
+        start: segment.from.map(Vec4::splat),
+        inverse: [0, 1, 2].map(|k| Vec4::splat(inverse(segment.to[k] - segment.from[k]))),
+    }
+}
+
+fn inverse(x: f32) -> f32 {
+    1.0 / if x.abs() >= SMALLEST {
+        x
     } else {
-        T::ONE / smallest
+        SMALLEST.copysign(x)
     }
-}
-
-// Nothing here is NaN, and a bare comparison is one instruction where `f32::min` is four.
-#[inline(always)]
-fn lesser<T: Real>(a: T, b: T) -> T {
-    if a < b { a } else { b }
-}
-
-#[inline(always)]
-fn greater<T: Real>(a: T, b: T) -> T {
-    if a > b { a } else { b }
 }
 
 #[inline(always)]

@@ -7,7 +7,7 @@ use fmmgi_gpu::Surfels;
 use fmmgi_gpu::passes::gpu::{Gpu, adapter};
 use fmmgi_gpu::points::{Cells, MAX_EDGES};
 use fmmgi_gpu::visibility::{NO_SURFEL, Segment};
-use glam::{Vec2, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -177,4 +177,34 @@ pub fn some_segments(surfels: &Surfels, n: usize) -> Vec<Segment> {
 pub fn differing(a: &[bool], b: &[bool]) -> usize {
     assert_eq!(a.len(), b.len());
     a.iter().zip(b).filter(|(a, b)| a != b).count()
+}
+
+/// The cells that a segment meets, where along it and whether on their fronts; by another way than
+/// that of the crate: all cells in turn, the plane by the parameter of the line, the polygon by its
+/// winding angle.
+pub fn crossings(surfels: &Surfels, s: &Segment) -> impl Iterator<Item = (f64, u32, bool)> {
+    let from = Vec3::from(s.from).as_dvec3();
+    let along = Vec3::from(s.to).as_dvec3() - from;
+    let skipped = [s.skip_from, s.skip_to];
+    (0..surfels.len()).filter_map(move |i| {
+        if skipped.contains(&(i as u32)) {
+            return None;
+        }
+        let [p, n, u]: [DVec3; 3] = [
+            surfels.positions[i].as_dvec3(),
+            surfels.normals[i].as_dvec3(),
+            surfels.cells.tangents[i].as_dvec3(),
+        ];
+        let t = (p - from).dot(n) / along.dot(n);
+        if !(t > 0.0 && t < 1.0) {
+            return None;
+        }
+        let h = from + t * along - p;
+        let h = DVec2::new(h.dot(u), h.dot(n.cross(u)));
+        let c = surfels.cells.corners[i].map(|c| (c * surfels.occluder_scale).as_dvec2() - h);
+        let winding: f64 = (0..c.len())
+            .map(|k| c[k].angle_to(c[(k + 1) % c.len()]))
+            .sum();
+        (winding.abs() > std::f64::consts::PI).then_some((t, i as u32, along.dot(n) < 0.0))
+    })
 }

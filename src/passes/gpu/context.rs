@@ -1,21 +1,26 @@
 //! The few things that all stages do with a device: tables, buffers, reading back, and errors.
 
+use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use bytemuck::Pod;
 use wgpu::{BufferUsages, ErrorFilter, PollType};
 
+use super::Shader;
 use crate::error::{Error, Result};
 
 /// Longest wait for a device; its work is cut into pieces of a fraction of a second.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// A device and its queue, borrowed from whoever made them (both are handles, cheap to clone).
+/// A device and its queue, borrowed from whoever made them (both are handles, cheap to clone), and
+/// the pipelines made on it so far, which its clones share.
 #[derive(Clone, Debug)]
 pub struct Gpu {
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
+    pipelines: Arc<Mutex<HashMap<Shader, wgpu::ComputePipeline>>>,
 }
 
 impl Gpu {
@@ -23,7 +28,19 @@ impl Gpu {
         Gpu {
             device: device.clone(),
             queue: queue.clone(),
+            pipelines: Arc::default(),
         }
+    }
+
+    /// The pipeline of a stage, made by the first who asks for it.
+    pub(super) fn pipeline(&self, shader: &Shader) -> Result<wgpu::ComputePipeline> {
+        let mut pipelines = (self.pipelines.lock()).unwrap_or_else(PoisonError::into_inner);
+        if let Some(made) = pipelines.get(shader) {
+            return Ok(made.clone());
+        }
+        let made = self.watch(shader.name, || Ok(shader.compile(&self.device)))?;
+        pipelines.insert(*shader, made.clone());
+        Ok(made)
     }
 
     /// Runs `work` and turns what the device has to say against it into an error.

@@ -23,7 +23,7 @@ pub const MAX_ORDER: usize = 6;
 const RGB_ORDER: usize = 3;
 
 /// A stage: its entry point is `main`.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Shader {
     pub name: &'static str,
     /// Tables that it reads, bound at 0, 1, ...; `name(i)` is texel i.
@@ -120,6 +120,22 @@ impl Shader {
         }
         source + &unroll(self.text, order)
     }
+
+    /// Makes a pipeline of it; what the device has to say against it is for the caller to watch.
+    pub(super) fn compile(&self, device: &wgpu::Device) -> wgpu::ComputePipeline {
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(self.name),
+            source: wgpu::ShaderSource::Wgsl(self.source().into()),
+        });
+        device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(self.name),
+            layout: None,
+            module: &module,
+            entry_point: Some("main"),
+            compilation_options: Default::default(),
+            cache: None,
+        })
+    }
 }
 
 /// A stage that is ready to run.
@@ -132,27 +148,10 @@ pub struct Pipeline {
 
 impl Pipeline {
     pub fn new(gpu: &Gpu, shader: &Shader) -> Result<Pipeline> {
-        let pipeline = gpu.watch(shader.name, || {
-            let module = gpu
-                .device
-                .create_shader_module(wgpu::ShaderModuleDescriptor {
-                    label: Some(shader.name),
-                    source: wgpu::ShaderSource::Wgsl(shader.source().into()),
-                });
-            let descriptor = wgpu::ComputePipelineDescriptor {
-                label: Some(shader.name),
-                layout: None,
-                module: &module,
-                entry_point: Some("main"),
-                compilation_options: Default::default(),
-                cache: None,
-            };
-            Ok(gpu.device.create_compute_pipeline(&descriptor))
-        })?;
         Ok(Pipeline {
             name: shader.name,
             invocations: shader.invocations(),
-            pipeline,
+            pipeline: gpu.pipeline(shader)?,
         })
     }
 

@@ -122,6 +122,7 @@ pub const AXPY: Shader = stage!("axpy", [], [], [RANGE]);
 pub const SCALE: Shader = stage!("scale", [], [], [RANGE]);
 pub const MULTIPLY: Shader = stage!("multiply", [], [], [RANGE]);
 pub const INNER_PRODUCT: Shader = stage!("inner_product", [], [], [RANGE]);
+pub const SUM: Shader = stage!("sum", [], [], [RANGE]);
 
 /// Those on expansions, which there are of every order.
 pub const EXPANSION_STAGES: &[&Shader] = &[&P2M, &M2M, &M2L, &P2L, &M2P, &L2L, &L2P];
@@ -146,4 +147,5 @@ pub const SHADERS: &[&Shader] = &[
     &SCALE,
     &MULTIPLY,
     &INNER_PRODUCT,
+    &SUM,
 ];

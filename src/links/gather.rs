@@ -1,0 +1,104 @@
+//! Links by rays: surfel from surfel, as often as its rays meet it.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::Rows;
+use super::csr::Part;
+use crate::error::Result;
+use crate::math::Real;
+use crate::points::Surfels;
+use crate::progress::Progress;
+use crate::random::{Purpose, Stratified, cosine_direction, stream};
+use crate::visibility::{Occluders, first_hit};
+
+/// Surfels whose rays are cast by one thread at a time.
+const CHUNK: usize = 64;
+/// Surfels between two looks at whether the work should stop.
+const BLOCK: usize = 1 << 12;
+
+/// Casts the rays `numbers` of every surfel, in cosine-weighted directions: the weight of a link is
+/// the part of them that meet the front of its source before anything else. A ray that meets a back
+/// or nothing brings nothing, so that no row sums up to more than 1.
+///
+/// Rays 0..2ᵏ are stratified, and so are 2ᵏ..2ᵏ⁺¹ for the same k, in other places: the operator of
+/// twice as many rays is the [mean](mean()) of both.
+///
+/// Fails with [`Error::TooLarge`](crate::Error::TooLarge) beyond 2³² links.
+pub fn gather<T: Real>(
+    surfels: &Surfels,
+    occluders: &Occluders,
+    numbers: Range<u32>,
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<Rows> {
+    let reach = surfels.reach();
+    let met = |i: usize, sources: &mut Vec<u32>| {
+        let points = Stratified::new(&mut stream(seed, Purpose::Rays, i as u64));
+        let (normal, tangent) = (surfels.normals[i], surfels.cells.tangents[i]);
+        let hits = numbers.clone().filter_map(|k| {
+            let [u, v] = points.get(k);
+            let ray = surfels.ray(i, cosine_direction(normal, tangent, u, v) * reach);
+            first_hit::<T>(occluders, &ray).filter(|hit| hit.front)
+        });
+        sources.extend(hits.map(|hit| hit.surfel));
+        sources.sort_unstable();
+    };
+    let n = surfels.len();
+    let weight = 1.0 / numbers.len() as f32;
+    progress.stage("rays", n as u64);
+    let mut parts: Vec<Part> = Vec::with_capacity(n.div_ceil(CHUNK));
+    for block in blocks(0..n, BLOCK) {
+        progress.check()?;
+        let done = block.len() as u64;
+        let chunks: Vec<_> = blocks(block, CHUNK).collect();
+        parts.par_extend(chunks.into_par_iter().map(|chunk| {
+            let mut part = Part::default();
+            let mut sources = Vec::with_capacity(numbers.len());
+            for i in chunk {
+                sources.clear();
+                met(i, &mut sources);
+                for same in sources.chunk_by(|a, b| a == b) {
+                    part.push(i as u32, same[0]);
+                    part.weights.push(same.len() as f32 * weight);
+                }
+            }
+            part
+        }));
+        progress.advance(done);
+    }
+    Rows::gather(n, parts)
+}
+
+/// The mean of two lists of links whose rows are in the order of their sources. Of weights that are
+/// parts of 2ᵏ rays it is exact.
+///
+/// Fails with [`Error::TooLarge`](crate::Error::TooLarge) beyond 2³² links.
+pub fn mean(a: &Rows, b: &Rows) -> Result<Rows> {
+    let targets = a.offsets.len() - 1;
+    let chunks: Vec<_> = blocks(0..targets, CHUNK).collect();
+    let of_chunk = |chunk: Range<usize>| {
+        let mut part = Part::default();
+        let mut row: Vec<(usize, f32)> = Vec::new();
+        for target in chunk {
+            row.clear();
+            row.extend(a.row(target).chain(b.row(target)));
+            row.sort_by_key(|&(source, _)| source);
+            for same in row.chunk_by(|a, b| a.0 == b.0) {
+                part.push(target as u32, same[0].0 as u32);
+                part.weights
+                    .push(0.5 * same.iter().map(|&(_, weight)| weight).sum::<f32>());
+            }
+        }
+        part
+    };
+    Rows::gather(targets, chunks.into_par_iter().map(of_chunk).collect())
+}
+
+fn blocks(range: Range<usize>, size: usize) -> impl Iterator<Item = Range<usize>> {
+    let end = range.end;
+    range
+        .step_by(size)
+        .map(move |first| first..(first + size).min(end))
+}
