@@ -49,8 +49,8 @@ pub struct Args {
     /// Relative error to aim at, 1e-6 to 0.5 [default: the scene's, or 0.03]
     #[arg(long, value_name = "T", value_parser = values::tolerance, allow_hyphen_values = true)]
     tolerance: Option<f64>,
-    /// Largest order of the expansions, up to 12, on a GPU to 6 [default: 1, without occlusion 2 to 6
-    /// as the tolerance needs]
+    /// Largest order of the expansions, up to 12, on a GPU to 6 [default: 1, without occlusion and
+    /// for classic 2 to 6 as the tolerance needs]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(0..=12))]
     order: Option<u8>,
     /// Rays from each point with --method gather, rounded up to a power of two [default: as many as the
@@ -92,6 +92,8 @@ enum MethodArg {
     Direct,
     /// Fast multipole method
     Fmm,
+    /// Multipole method with the visibility of Goradia's report, which tests all pairs of points
+    Classic,
     /// Monte Carlo: rays from every point
     Gather,
     /// What is cheaper
@@ -191,6 +193,7 @@ impl Args {
             method: match self.method {
                 MethodArg::Direct => Method::Direct,
                 MethodArg::Fmm => Method::Fmm,
+                MethodArg::Classic => Method::Classic,
                 MethodArg::Gather => Method::Gather,
                 MethodArg::Auto => Method::Auto,
             },

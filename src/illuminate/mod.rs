@@ -16,15 +16,18 @@ use self::stats::{Seconds, Stats};
 use self::task::Task;
 use self::work::Work;
 use crate::error::{Error, Result};
-use crate::links::{self, Links};
+use crate::links::{self, Links, Thresholds};
 use crate::map::IlluminationMap;
 use crate::octree::{LEAF_SIZE, Octree};
 use crate::operator::{Fmm, GpuFmm};
-use crate::passes::gpu::{self, Gpu, GpuVisibility};
+use crate::passes::gpu::{self, Gpu, GpuPointVisibility, GpuVisibility};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
-use crate::visibility::{Counted, CpuVisibility, NothingInTheWay, Occluders, Visibility};
+use crate::visibility::{
+    Counted, CpuPointVisibility, CpuVisibility, NothingInTheWay, Occluders, PointVisibility,
+    Visibility,
+};
 
 /// How the transport operator is applied.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -34,6 +37,8 @@ pub enum Method {
     Direct,
     /// Links between facets, expansions, tested visibility.
     Fmm,
+    /// The adaptive lists and the hierarchical visibility of Goradia's report: tests all pairs.
+    Classic,
     /// Rays from every surfel, whose hits are kept for all bounces.
     Gather,
     /// `Direct` where that is cheaper, otherwise `Fmm`.
@@ -61,7 +66,8 @@ pub struct Options {
     pub occlusion: Occlusion,
     /// Relative error asked for; `None` takes the scene's, or 0.03.
     pub tolerance: Option<f64>,
-    /// Largest order of the expansions; `None` takes 1, without occlusion what the tolerance needs.
+    /// Largest order of the expansions; `None` takes 1, and without occlusion or by the classic method
+    /// what the tolerance needs.
     pub order: Option<usize>,
     /// Bounces to follow; `None` goes on until the solution stands.
     pub max_bounces: Option<u32>,
@@ -153,14 +159,27 @@ pub fn illuminate(
         None => work.solve(&Fmm::<f32>::new(&surfels, &octree, links), progress),
         Some(gpu) => work.solve(&GpuFmm::new(gpu, &surfels, &octree, links)?, progress),
     };
+    let whole = |links: &Links, repairs: &mut Vec<String>| match &device {
+        None => task.by_operator(&Fmm::<f32>::new(&surfels, &octree, links), repairs),
+        Some(gpu) => task.by_operator(&GpuFmm::new(gpu, &surfels, &octree, links)?, repairs),
+    };
     let solved = match (method, &occluders) {
         (Method::Direct, _) => task.direct(&mut repairs)?,
+        (Method::Classic, _) => {
+            let test = Thresholds::default().point;
+            let points: Box<dyn PointVisibility> = match &device {
+                None => Box::new(CpuPointVisibility::<f32>::new(&surfels, test)),
+                Some(gpu) => Box::new(GpuPointVisibility::new(gpu, &surfels, test)?),
+            };
+            task.classic(points.as_ref(), |links| whole(links, &mut repairs))?
+        }
         (Method::Gather, Some(occluders)) => {
             task.gather(occluders, options.rays, &mut repairs, &solve)?
         }
         _ => task.fmm(&mut repairs, &solve)?,
     };
     let casting = solved.rays.map_or(0.0, |rays| rays.seconds);
+    let tests = visibility.seconds() + solved.tests + casting;
     let checks = solved.checked.map_or(0.0, |c| c.seconds);
     let rest = clock.lap();
     let map = IlluminationMap::new(&scene.cloud, &prepared, &surfels, &solved.irradiance);
@@ -177,17 +196,17 @@ pub fn illuminate(
             backend: name.into(),
             adapter,
             tolerance,
-            order: (method == Method::Fmm).then_some(order),
+            order: (method != Method::Direct).then_some(order),
             iterations: solved.ended.iterations,
             residual: solved.ended.residual,
             converged: solved.ended.converged,
             seconds: Seconds {
                 prepare,
                 octree: octree_seconds,
-                visibility: visibility.seconds() + casting,
+                visibility: tests,
                 solve: solved.seconds - checks,
                 checks,
-                links: (rest - visibility.seconds() - casting - solved.seconds).max(0.0),
+                links: (rest - tests - solved.seconds).max(0.0),
                 ..Seconds::default()
             },
             links: solved.links,
@@ -203,7 +222,7 @@ pub fn illuminate(
     })
 }
 
-/// Order of the expansions where visibility is tested: that is what limits their accuracy.
+/// Order of the expansions of links whose visibility is sampled: that is what limits their accuracy.
 const ORDER: usize = 1;
 /// Highest order on the CPU. In f32 rounding leaves nothing to gain beyond.
 const MAX_ORDER: usize = 12;
@@ -216,7 +235,8 @@ fn expansions(
     backend: &Backend,
 ) -> Result<(usize, usize)> {
     let open = options.occlusion == Occlusion::None;
-    let order = options.order.unwrap_or(match open {
+    let classic = options.method == Method::Classic;
+    let order = options.order.unwrap_or(match open || classic {
         true => links::open::order(tolerance),
         false => ORDER,
     });
@@ -229,9 +249,10 @@ fn expansions(
             "order {order}: expansions {place} have orders up to {most}"
         )));
     }
-    let leaf_size = match open {
-        true => links::open::leaf_size(order, surfels),
-        false => LEAF_SIZE,
+    let leaf_size = match (open, classic) {
+        (true, _) => links::open::leaf_size(order, surfels),
+        (false, true) => links::CLASSIC_LEAF_SIZE,
+        (false, false) => LEAF_SIZE,
     };
     Ok((order, leaf_size))
 }

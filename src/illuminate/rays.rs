@@ -92,6 +92,7 @@ impl Task<'_> {
                     seconds: casting,
                 }),
                 seconds,
+                ..Solved::default()
             });
         }
     }

@@ -1,4 +1,5 @@
-//! The ways from lights to irradiance: exact sums, and links (for rays see `rays`).
+//! The ways from lights to irradiance: exact sums, links, and the lists of the report (for rays see
+//! `rays`).
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -10,14 +11,14 @@ use super::rays::Rays;
 use super::work::{Bounced, Work};
 use crate::error::Result;
 use crate::lights;
-use crate::links::{self, Accuracy, Links};
+use crate::links::{self, Accuracy, CLAMPED, Links, States, Thresholds};
 use crate::octree::Octree;
-use crate::operator::{Direct, TransportOperator};
+use crate::operator::{Direct, Fields, TransportOperator};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::solve::{Ended, Stop};
-use crate::visibility::{Counted, Visibility};
+use crate::visibility::{Counted, PointVisibility, Visibility};
 
 /// Allowed error of a link with tested visibility in units of the tolerance and the mean irradiance.
 /// How errors of many links add up is measured: allowed 0.015, the scenes are off by 0.007 to 0.016
@@ -54,24 +55,62 @@ pub(super) struct Solved {
     pub rays: Option<Rays>,
     /// Seconds of the solver, with those of the checks.
     pub seconds: f64,
+    /// Seconds of tests of other kinds than segments.
+    pub tests: f64,
 }
 
 /// How an operator made of links solves the equation, on one backend or the other.
 pub(super) type Solve<'a> = &'a dyn Fn(&Links, &Work) -> Result<Bounced>;
 
 impl Task<'_> {
-    /// Everything by exact sums, the light of emitting surfels too.
+    /// Everything by exact sums.
     pub fn direct(&self, repairs: &mut Vec<String>) -> Result<Solved> {
         let operator = Direct::new(self.surfels, self.visibility, self.progress)?;
+        self.by_operator(&operator, repairs)
+    }
+
+    /// Everything by the lists of the report, which `solve` applies.
+    pub fn classic(
+        &self,
+        points: &dyn PointVisibility,
+        solve: impl FnOnce(&Links) -> Result<Solved>,
+    ) -> Result<Solved> {
+        let (surfels, octree, progress) = (self.surfels, self.octree, self.progress);
+        if self.visibility.is_open() {
+            let links = links::adaptive(octree, surfels, CLAMPED, self.order, progress)?;
+            return Ok(Solved {
+                links: named(links.counts()),
+                ..solve(&links)?
+            });
+        }
+        let states = States::find(octree, &Thresholds::default(), points, progress)?;
+        let links = links::classic(octree, surfels, self.order, &states, points, progress)?;
+        let mut counts = named(links.counts());
+        counts.extend(named(states.counts()));
+        Ok(Solved {
+            links: counts,
+            tests: states.tally.seconds,
+            ..solve(&links)?
+        })
+    }
+
+    /// Everything by one operator, the light of emitting surfels too.
+    pub fn by_operator<O: TransportOperator>(
+        &self,
+        operator: &O,
+        repairs: &mut Vec<String>,
+    ) -> Result<Solved> {
         let mut lights = self.lights(repairs)?;
         let emission: Vec<DVec3> = self.surfels.emission.iter().map(|e| e.as_dvec3()).collect();
         let start = Instant::now();
-        for (light, emitted) in lights.iter_mut().zip(operator.apply(&emission)?) {
+        let fields = operator.fields();
+        let emitted = fields.download(&operator.apply(&fields.upload(&emission)?)?)?;
+        for (light, emitted) in lights.iter_mut().zip(emitted) {
             *light += emitted;
         }
         let bounced = self
             .work(&lights, None, self.stop())
-            .solve(&operator, self.progress)?;
+            .solve(operator, self.progress)?;
         Ok(Solved {
             irradiance: bounced.irradiance,
             ended: bounced.ended,
@@ -243,6 +282,10 @@ impl Solved {
 }
 
 pub(super) fn counts(links: &Links) -> BTreeMap<String, u64> {
-    let counts = links.counts().map(|(kind, n)| (kind.to_owned(), n));
-    counts.into_iter().collect()
+    named(links.counts())
+}
+
+fn named<const N: usize>(counts: [(&str, u64); N]) -> BTreeMap<String, u64> {
+    let owned = counts.into_iter().map(|(kind, n)| (kind.to_owned(), n));
+    owned.collect()
 }

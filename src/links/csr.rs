@@ -137,6 +137,14 @@ impl Part {
         self.sources.push(source);
     }
 
+    /// Target, source and weight of each entry of a part that has weights.
+    pub fn entries(&self) -> impl Iterator<Item = (u32, u32, f32)> {
+        let targets = self.rows.iter();
+        let targets = targets.flat_map(|&(t, count)| std::iter::repeat_n(t, count as usize));
+        let sources = self.sources.iter().zip(&self.weights);
+        targets.zip(sources).map(|(t, (&s, &w))| (t, s, w))
+    }
+
     /// Bytes that it takes, here and once more in its rows.
     pub fn bytes(&self) -> usize {
         8 * self.rows.len() + 12 * self.sources.len() + 4 * self.weights.len()

@@ -2,6 +2,7 @@
 //!
 //! Both facets start at the root; of a pair that is not accepted the larger one is split.
 
+use super::near::near;
 use super::walk::{Found, Walk};
 use super::{Cosines, Interaction, Links, splits_target};
 use crate::error::Result;
@@ -68,7 +69,9 @@ pub fn dual(
         budget: Budget::new(),
         progress,
     };
-    walk.links(surfels, &[0])
+    walk.links(surfels, &[0], |close, budget| {
+        near(octree, surfels, close, budget)
+    })
 }
 
 impl Mac {

@@ -18,6 +18,9 @@ pub enum Cosines {
     Signed,
 }
 
+/// Positive cosines only, without any light from below the horizon.
+pub const CLAMPED: Cosines = Cosines::Clamped { tolerance: 0.0 };
+
 impl Cosines {
     /// How two facets face each other where these cosines count.
     pub fn facing(self, target: &Facet, source: &Facet) -> Facing {

@@ -18,6 +18,19 @@ pub(super) fn near(
     parts: &[Part],
     budget: &Budget,
 ) -> Result<Rows> {
+    let is_near = |surface: &Surface<f32>, i, j| surface.is_near(i, j);
+    let linked = form_factors(octree, surfels, parts, budget, is_near)?;
+    Rows::gather(surfels.len(), linked)
+}
+
+/// The form factors of surfels of facets linked by `parts`, where there is one and `wanted` holds.
+pub(super) fn form_factors(
+    octree: &Octree,
+    surfels: &Surfels,
+    parts: &[Part],
+    budget: &Budget,
+    wanted: impl Fn(&Surface<f32>, usize, usize) -> bool + Sync,
+) -> Result<Vec<Part>> {
     // Surfaces take memory: only those of facets that take part are made.
     let facets = &octree.facets;
     let mut place = vec![None; facets.len()];
@@ -44,7 +57,7 @@ pub(super) fn near(
             for i in places(target) {
                 for j in sources.iter().flat_map(|&source| places(source)) {
                     let form_factor = surface.form_factor(i, j);
-                    if form_factor > 0.0 && surface.is_near(i, j) {
+                    if form_factor > 0.0 && wanted(&surface, i, j) {
                         linked.push(order[i], order[j]);
                         linked.weights.push(form_factor);
                     }
@@ -54,6 +67,5 @@ pub(super) fn near(
         budget.take(linked.bytes())?;
         Ok(linked)
     };
-    let linked = parts.par_iter().map(link).collect::<Result<_>>()?;
-    Rows::gather(surfels.len(), linked)
+    parts.par_iter().map(link).collect()
 }

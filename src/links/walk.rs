@@ -7,7 +7,6 @@
 use rayon::prelude::*;
 
 use super::csr::Part;
-use super::near::near;
 use super::{Links, Rows};
 use crate::error::Result;
 use crate::memory::Budget;
@@ -31,6 +30,8 @@ pub enum Interaction {
     P2p,
     /// P2P, and of the pairs that it leaves out the stored form factors.
     Near,
+    /// Stored form factors of the pairs that see each other.
+    Tested,
 }
 
 /// Lists of a part of the targets.
@@ -59,6 +60,7 @@ impl Found {
                 self.p2p.push(target, source);
                 &mut self.near
             }
+            Interaction::Tested => &mut self.near,
         };
         list.push(target, source);
     }
@@ -82,8 +84,14 @@ pub(super) struct Walk<'a, V> {
 }
 
 impl<V: Fn(u32, &[u32], &mut Found) -> Vec<u32> + Sync> Walk<'_, V> {
-    /// The links of all surfels, from those of `roots` with all of `roots`.
-    pub fn links(&self, surfels: &Surfels, roots: &[u32]) -> Result<Links> {
+    /// The links of all surfels, from those of `roots` with all of `roots`; `near` makes those of
+    /// surfels near each other.
+    pub fn links(
+        &self,
+        surfels: &Surfels,
+        roots: &[u32],
+        near: impl FnOnce(&[Part], &Budget) -> Result<Rows>,
+    ) -> Result<Links> {
         self.progress.stage("links", surfels.len() as u64);
         let found = self.branches(roots, roots)?;
         let facets = self.octree.facets.len();
@@ -110,7 +118,7 @@ impl<V: Fn(u32, &[u32], &mut Found) -> Vec<u32> + Sync> Walk<'_, V> {
             m2p: rows(m2p)?,
             p2l: rows(p2l)?,
             p2p: rows(p2p)?,
-            near: near(self.octree, surfels, &close, &self.budget)?,
+            near: near(&close, &self.budget)?,
             ..Links::none(facets, surfels.len())
         })
     }
