@@ -4,6 +4,7 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
+use fmmgi_gpu::links::Thresholds;
 use fmmgi_gpu::octree::Octree;
 use fmmgi_gpu::output::{write_atomic, write_painted};
 use fmmgi_gpu::passes::gpu::{Gpu, GpuPointVisibility, GpuVisibility};
@@ -74,8 +75,6 @@ enum VisibilityArg {
 
 /// Surfels a leaf: cells of several points across.
 const LEAF_SIZE: usize = 32;
-/// A cell is visible if more than this part of its points is: t2.
-const POINT_LEAF: f32 = 0.5;
 
 // Paints, for a tone curve of this exposure.
 const EXPOSURE: f32 = 2.0;
@@ -204,7 +203,8 @@ fn see(
         Backend::Cpu => None,
         Backend::Gpu { device, queue, .. } => Some(Gpu::new(device, queue)),
     };
-    let see = |by: &dyn PointVisibility| Seen::from(octree, from, POINT_LEAF, by, progress);
+    let part = Thresholds::default().point_leaf;
+    let see = |by: &dyn PointVisibility| Seen::from(octree, from, part, by, progress);
     let test = PointTest::default();
     match (args.visibility, gpu) {
         (VisibilityArg::Classic, None) => see(&CpuPointVisibility::<f32>::new(surfels, test)),
