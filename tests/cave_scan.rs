@@ -2,6 +2,7 @@
 //! in the folder of FMMGI_SCANS, or in ../shared/scans.
 
 mod common;
+mod mesh;
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -11,12 +12,14 @@ use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Fields, Fmm, GpuFmm, TransportOperator, exact_irradiance};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::PointLight;
-use fmmgi_gpu::visibility::{CpuVisibility, Occluders};
+use fmmgi_gpu::visibility::{CpuVisibility, Occluders, Segment, Visibility, face};
 use fmmgi_gpu::{Backend, Method, Occlusion, Options, Scene, Surfels, illuminate, lights, scan};
 use glam::{DVec3, Vec3};
+use mesh::Mesh;
+use rand::RngExt;
 
-/// The scan with its lights, or `None` with a word where it is not present.
-fn cave() -> Option<Scene> {
+/// The scan's file, or `None` with a word where it is not present.
+fn scan_file() -> Option<PathBuf> {
     let folder = std::env::var_os("FMMGI_SCANS").map_or_else(
         || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/scans")),
         PathBuf::from,
@@ -26,6 +29,12 @@ fn cave() -> Option<Scene> {
         println!("NOT RUN: {} is not present", path.display());
         return None;
     }
+    Some(path)
+}
+
+/// The scan with its lights.
+fn cave() -> Option<Scene> {
+    let path = scan_file()?;
     let places = [
         [2.18, -2.37, -17.51],
         [0.06, -0.90, -4.50],
@@ -164,4 +173,101 @@ fn bounces<O: TransportOperator>(operator: &O, surfels: &Surfels, lamps: &[DVec3
         fields.axpy(1.0, &lamps, &mut irradiance).unwrap();
     }
     fields.download(&irradiance).unwrap()
+}
+
+/// Who sees whom, between points and from lamps, against the scan's own mesh. Segments against the
+/// mesh start and end on its vertices, lifted by `LIFT`.
+#[test]
+fn cells_see_what_the_mesh_sees() {
+    let (Some(path), Some(scene)) = (scan_file(), cave()) else {
+        return;
+    };
+    let mesh = Mesh::read(&path);
+    let surfels = Surfels::prepare(&scene.cloud, &Silent).unwrap().surfels;
+    let spacing = (mesh.area() / surfels.len() as f64).sqrt();
+    let area: f64 = surfels.areas.iter().map(|&a| f64::from(a)).sum();
+    println!(
+        "mesh {:.0} m2, cells {area:.0} m2, spacing {spacing:.3} m, scale {}",
+        mesh.area(),
+        surfels.occluder_scale
+    );
+    let occluders = Occluders::build(&surfels);
+    let visibility = CpuVisibility::<f32>::new(&occluders);
+    let n = surfels.len();
+    let mut rng = common::random(1);
+    let pairs: Vec<(usize, usize)> =
+        std::iter::repeat_with(|| (rng.random_range(0..n), rng.random_range(0..n)))
+            .filter(|&(i, j)| face(&surfels, i, j))
+            .take(200_000)
+            .collect();
+    let segments: Vec<Segment> = pairs.iter().map(|&(i, j)| surfels.segment(i, j)).collect();
+    let seen = visibility.visible(&segments).unwrap();
+    let lamps: Vec<Vec<f64>> = scene
+        .lights
+        .iter()
+        .map(|l| {
+            lights::point_lights(&surfels, std::slice::from_ref(l), &visibility, &Silent)
+                .unwrap()
+                .irradiance
+                .iter()
+                .map(|h| h.x)
+                .collect()
+        })
+        .collect();
+    for lift in [0.0, 0.02, 0.05, 0.1, 0.2] {
+        let above = |i: usize| {
+            surfels.positions[i].as_dvec3()
+                + surfels.origin
+                + surfels.normals[i].as_dvec3() * (lift * spacing)
+        };
+        let (mut visible, mut occluded, mut hidden, mut leaked) = (0, 0, 0, 0);
+        for (&(i, j), &seen) in pairs.iter().zip(&seen) {
+            if mesh.blocks(above(i), above(j)) {
+                hidden += 1;
+                leaked += i32::from(seen);
+            } else {
+                visible += 1;
+                occluded += i32::from(!seen);
+            }
+        }
+        let (mut e, mut t, mut a, mut b) = (0.0, 0.0, 0.0, 0.0);
+        let (mut lv, mut lo, mut lh, mut ll) = (0, 0, 0, 0);
+        for (lamp, found) in scene.lights.iter().zip(&lamps) {
+            for i in 0..n {
+                let way = lamp.position - surfels.positions[i].as_dvec3() - surfels.origin;
+                let cos = way.dot(surfels.normals[i].as_dvec3());
+                if cos <= 0.0 {
+                    continue;
+                }
+                let blocked = mesh.blocks(above(i), lamp.position);
+                let truth = if blocked {
+                    0.0
+                } else {
+                    50.0 * cos / way.length().powi(3)
+                };
+                let seen = found[i] > 0.0;
+                if blocked {
+                    lh += 1;
+                    ll += i32::from(seen)
+                } else {
+                    lv += 1;
+                    lo += i32::from(!seen)
+                }
+                e += (found[i] - truth).powi(2);
+                t += truth * truth;
+                a += found[i];
+                b += truth;
+            }
+        }
+        let share = |a: i32, b: i32| f64::from(a) / f64::from(b);
+        println!(
+            "lift {lift}: {visible} visible, {hidden} hidden; false occlusion {:.4}, leak {:.4}; lamps: false occlusion {:.4}, leak {:.4}, rel L2 {:.4}, bias {:+.4}",
+            share(occluded, visible),
+            share(leaked, hidden),
+            share(lo, lv),
+            share(ll, lh),
+            (e / t).sqrt(),
+            a / b - 1.0
+        );
+    }
 }

@@ -1,0 +1,193 @@
+//! Where surfaces meet or nearly do: blocks on a floor, plates close to each other, the edges of a
+//! room. Lengths are in spacings.
+
+mod clouds;
+mod rooms;
+
+use fmmgi_gpu::Method;
+use glam::DVec3;
+use rooms::*;
+
+/// Irradiance by `method` at the places of `receivers`, next to the truth there.
+fn against(
+    rects: &[Rect],
+    sampling: Sampling,
+    method: Method,
+    receiver: impl Fn(DVec3, DVec3) -> bool,
+    truth: impl Fn(DVec3, DVec3) -> f64,
+) -> Vec<(f64, f64)> {
+    let cloud = points(rects, 1.0, sampling, 1);
+    let light = light(&cloud, method, 0.01);
+    (0..cloud.len())
+        .map(|k| (k, cloud.positions[k], cloud.normals[k].as_dvec3()))
+        .filter(|&(_, p, n)| receiver(p, n))
+        .map(|(k, p, n)| (light[k], truth(p, n)))
+        .collect()
+}
+
+fn black(r: Rect) -> Rect {
+    Rect {
+        reflectance: 0.0,
+        ..r
+    }
+}
+
+fn shining(r: Rect) -> Rect {
+    Rect {
+        emission: 1.0,
+        ..black(r)
+    }
+}
+
+/// A floor of 40 by 40 without what is under a block of 8 by 8, 5 high, on it.
+fn block_on_floor() -> (Vec<Rect>, [Rect; 5]) {
+    let floor = rect(DVec3::ZERO, DVec3::Y * 40.0, DVec3::X * 40.0);
+    let floor = Rect {
+        u: floor.v,
+        v: floor.u,
+        ..floor
+    };
+    let floor = with_hole(floor, [0.4, 0.4], [0.6, 0.6]);
+    let b = outside_of(DVec3::new(16.0, 16.0, 0.0), DVec3::new(8.0, 8.0, 5.0));
+    let sides = [b[0], b[1], b[2], b[3], b[5]];
+    (floor.into_iter().map(black).collect(), sides.map(black))
+}
+
+/// Irradiance from a rectangle of radiosity 1 with others in the way, by the midpoint rule.
+fn quadrature(source: &Rect, blockers: &[Rect], place: DVec3, normal: DVec3) -> f64 {
+    const CELLS: usize = 200;
+    let cell = 1.0 / CELLS as f64;
+    let area = source.area() * cell * cell;
+    (0..CELLS * CELLS)
+        .map(|k| {
+            let at = |q: usize| (q as f64 + 0.5) * cell;
+            let to = source.at(at(k / CELLS), at(k % CELLS));
+            let way = to - place;
+            let cosines = normal.dot(way) * -source.normal().dot(way);
+            if normal.dot(way) <= 0.0
+                || cosines <= 0.0
+                || blockers.iter().any(|b| b.blocks(place, to))
+            {
+                return 0.0;
+            }
+            area * cosines / (std::f64::consts::PI * way.length_squared().powi(2))
+        })
+        .sum()
+}
+
+/// A shining ceiling over a block on a floor: irradiance of the floor beside the block.
+#[test]
+fn beside_a_block() {
+    let (floor, block) = block_on_floor();
+    let ceiling = shining(rect(
+        DVec3::new(0.0, 0.0, 20.0),
+        DVec3::Y * 40.0,
+        DVec3::X * 40.0,
+    ));
+    let all: Vec<Rect> = floor
+        .iter()
+        .chain(&block)
+        .copied()
+        .chain([ceiling])
+        .collect();
+    for sampling in SAMPLINGS {
+        for method in [Method::Direct, Method::Fmm] {
+            for reach in [1.0, 3.0] {
+                let beside = |p: DVec3, n: DVec3| {
+                    let q = (p - DVec3::new(20.0, 20.0, 0.0)).abs();
+                    n.z > 0.5 && p.z < 0.1 && q.x.max(q.y) < 4.0 + reach
+                };
+                let truth = |p: DVec3, n: DVec3| quadrature(&ceiling, &block, p, n);
+                let pairs = against(&all, sampling, method, beside, truth);
+                let [l2, bias] = errors(pairs.iter().copied());
+                println!(
+                    "beside a block, {sampling:?}, {method:?}, {} points within {reach}: rel L2 \
+                     {l2:.4}, bias {bias:+.4}",
+                    pairs.len()
+                );
+            }
+        }
+    }
+}
+
+/// A low strip shines along the floor; behind the block, as wide as the floor, all is dark.
+#[test]
+fn no_light_under_a_block() {
+    let floor = |x: f64, width: f64| {
+        black(rect(
+            DVec3::new(x, 0.0, 0.0),
+            DVec3::X * width,
+            DVec3::Y * 40.0,
+        ))
+    };
+    let strip = shining(rect(DVec3::ZERO, DVec3::Y * 40.0, DVec3::Z * 3.0));
+    let block = outside_of(DVec3::new(16.0, 0.0, 0.0), DVec3::new(8.0, 40.0, 5.0)).map(black);
+    let all = [
+        floor(0.0, 16.0),
+        floor(24.0, 16.0),
+        strip,
+        block[0],
+        block[1],
+        block[5],
+    ];
+    for sampling in SAMPLINGS {
+        for method in [Method::Direct, Method::Fmm] {
+            let on_floor = |p: DVec3, n: DVec3| n.z > 0.5 && p.z < 0.1;
+            let dark = |p: DVec3, n: DVec3| on_floor(p, n) && p.x > 24.0;
+            let lit = |p: DVec3, n: DVec3| on_floor(p, n) && p.x < 16.0;
+            let mean = |pairs: Vec<(f64, f64)>| {
+                pairs.iter().map(|p| p.0).sum::<f64>() / pairs.len() as f64
+            };
+            let behind = against(&all, sampling, method, dark, |_, _| 0.0);
+            let worst = behind.iter().map(|p| p.0).fold(0.0, f64::max);
+            let before = mean(against(&all, sampling, method, lit, |_, _| 0.0));
+            let share = mean(behind) / before;
+            println!(
+                "behind a block, {sampling:?}, {method:?}: {share:.1e} of the light before it, \
+                 worst point {:.1e}",
+                worst / before
+            );
+            assert!(share < 1e-3);
+        }
+    }
+}
+
+/// Two plates of 30 by 30 that face each other across a narrow gap.
+#[test]
+fn close_parallel_walls() {
+    for gap in [3.0, 2.0, 1.0, 0.5] {
+        let lower = shining(rect(DVec3::ZERO, DVec3::X * 30.0, DVec3::Y * 30.0));
+        let upper = black(rect(DVec3::Z * gap, DVec3::Y * 30.0, DVec3::X * 30.0));
+        for sampling in SAMPLINGS {
+            for method in [Method::Direct, Method::Fmm] {
+                let truth = |p, n| lower.form_factor(p, n);
+                let pairs = against(&[lower, upper], sampling, method, |p, _| p.z > 0.0, truth);
+                let [l2, bias] = errors(pairs);
+                println!(
+                    "plates {gap} apart, {sampling:?}, {method:?}: rel L2 {l2:.4}, bias {bias:+.4}"
+                );
+            }
+        }
+    }
+}
+
+/// A shining floor and a wall on it, of 20 by 20: irradiance of the wall near the edge.
+#[test]
+fn near_the_edge_of_a_room() {
+    let floor = shining(rect(DVec3::ZERO, DVec3::X * 20.0, DVec3::Y * 20.0));
+    let wall = black(rect(DVec3::ZERO, DVec3::Y * 20.0, DVec3::Z * 20.0));
+    for sampling in SAMPLINGS {
+        for method in [Method::Direct, Method::Fmm] {
+            for height in [1.0, 3.0, 20.0] {
+                let near = |p: DVec3, n: DVec3| n.x > 0.5 && p.z < height;
+                let truth = |p, n| floor.form_factor(p, n);
+                let pairs = against(&[floor, wall], sampling, method, near, truth);
+                let [l2, bias] = errors(pairs);
+                println!(
+                    "wall up to {height} over a floor, {sampling:?}, {method:?}: rel L2 {l2:.4}, \
+                     bias {bias:+.4}"
+                );
+            }
+        }
+    }
+}
