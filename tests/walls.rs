@@ -73,7 +73,8 @@ fn noisy_walls_keep_light_out() {
                 let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
                 println!(
                     "noise {degrees} {shift}, wall of {thickness}, {sampling:?}: segments {:.1e}, light {:.1e}",
-                    leak(&cloud, lit), mean(&light[lit..]) / mean(&light[..lit])
+                    leak(&cloud, lit),
+                    mean(&light[lit..]) / mean(&light[..lit])
                 );
             }
         }
@@ -173,32 +174,54 @@ fn a_door_lets_through_what_it_should() {
 
 #[test]
 fn debug_leaks() {
-    use fmmgi_gpu::visibility::{CpuVisibility, Occluders, Visibility, face, Segment};
+    use fmmgi_gpu::visibility::{CpuVisibility, Occluders, Segment, Visibility, face};
     use rand::RngExt;
     for sampling in SAMPLINGS {
-    for (degrees, shift) in [(5.0_f64, 0.05), (5.0, 0.0), (0.0, 0.05)] {
-        let (cloud, lit) = sampled(&two_rooms(5.0), sampling, 1);
-        let cloud = noisy(&cloud, degrees.to_radians(), shift, 5);
-        let s = clouds::surfels(&cloud);
-        let mut rng = clouds::random(1);
-        let n = s.len();
-        let mut pairs: Vec<Segment> = Vec::new();
-        while pairs.len() < 200_000 {
-            let (i, j) = (rng.random_range(0..n), rng.random_range(0..n));
-            if ((s.points[i] as usize) < lit) && (s.points[j] as usize) >= lit && face(&s, i, j) { pairs.push(s.segment(i, j)); }
+        for (degrees, shift) in [(5.0_f64, 0.05), (5.0, 0.0), (0.0, 0.05)] {
+            let (cloud, lit) = sampled(&two_rooms(5.0), sampling, 1);
+            let cloud = noisy(&cloud, degrees.to_radians(), shift, 5);
+            let s = clouds::surfels(&cloud);
+            let mut rng = clouds::random(1);
+            let n = s.len();
+            let mut pairs: Vec<Segment> = Vec::new();
+            while pairs.len() < 200_000 {
+                let (i, j) = (rng.random_range(0..n), rng.random_range(0..n));
+                if ((s.points[i] as usize) < lit) && (s.points[j] as usize) >= lit && face(&s, i, j)
+                {
+                    pairs.push(s.segment(i, j));
+                }
+            }
+            let occluders = Occluders::build(&s);
+            let seen = CpuVisibility::<f32>::new(&occluders)
+                .visible(&pairs)
+                .unwrap();
+            let mut hist = [[0usize; 2]; 6];
+            for (p, seen) in pairs.iter().zip(seen) {
+                let (a, b) = (
+                    glam::Vec3::from(p.from).as_dvec3() + s.origin,
+                    glam::Vec3::from(p.to).as_dvec3() + s.origin,
+                );
+                let t = (22.5 - a.x) / (b.x - a.x);
+                let q = a.lerp(b, t);
+                let d = q.y.min(q.z).min(20.0 - q.y).min(20.0 - q.z);
+                let bin = if d < 0.0 {
+                    0
+                } else if d < 0.25 {
+                    1
+                } else if d < 0.5 {
+                    2
+                } else if d < 1.0 {
+                    3
+                } else if d < 2.0 {
+                    4
+                } else {
+                    5
+                };
+                hist[bin][usize::from(seen)] += 1;
+            }
+            println!(
+                "{sampling:?} {degrees} {shift}: [blocked, leaked] at <0, <.25, <.5, <1, <2, more: {hist:?}"
+            );
         }
-        let occluders = Occluders::build(&s);
-        let seen = CpuVisibility::<f32>::new(&occluders).visible(&pairs).unwrap();
-        let mut hist = [[0usize; 2]; 6];
-        for (p, seen) in pairs.iter().zip(seen) {
-            let (a, b) = (glam::Vec3::from(p.from).as_dvec3() + s.origin, glam::Vec3::from(p.to).as_dvec3() + s.origin);
-            let t = (22.5 - a.x) / (b.x - a.x);
-            let q = a.lerp(b, t);
-            let d = q.y.min(q.z).min(20.0 - q.y).min(20.0 - q.z);
-            let bin = if d < 0.0 { 0 } else if d < 0.25 { 1 } else if d < 0.5 { 2 } else if d < 1.0 { 3 } else if d < 2.0 { 4 } else { 5 };
-            hist[bin][usize::from(seen)] += 1;
-        }
-        println!("{sampling:?} {degrees} {shift}: [blocked, leaked] at <0, <.25, <.5, <1, <2, more: {hist:?}");
-    }
     }
 }
