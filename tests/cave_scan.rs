@@ -12,7 +12,7 @@ use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Fields, Fmm, GpuFmm, TransportOperator, exact_irradiance};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::PointLight;
-use fmmgi_gpu::visibility::{CpuVisibility, Occluders, Segment, Visibility, face};
+use fmmgi_gpu::visibility::{BySegment, CpuVisibility, Occluders, PointVisibility, face};
 use fmmgi_gpu::{Backend, Method, Occlusion, Options, Scene, Surfels, illuminate, lights, scan};
 use glam::{DVec3, Vec3};
 use mesh::Mesh;
@@ -175,8 +175,41 @@ fn bounces<O: TransportOperator>(operator: &O, surfels: &Surfels, lamps: &[DVec3
     fields.download(&irradiance).unwrap()
 }
 
-/// Who sees whom, between points and from lamps, against the scan's own mesh. Segments against the
-/// mesh start and end on its vertices, lifted by `LIFT`.
+/// Height above the mesh, in spacings, at which segments against it start and end.
+const LIFT: f64 = 0.05;
+
+/// How often the cells are wrong about segments that the mesh leaves open, and about those it blocks.
+#[derive(Default)]
+struct Judged {
+    visible: u32,
+    falsely_occluded: u32,
+    hidden: u32,
+    leaked: u32,
+}
+
+impl Judged {
+    fn count(&mut self, blocked: bool, seen: bool) {
+        if blocked {
+            self.hidden += 1;
+            self.leaked += u32::from(seen);
+        } else {
+            self.visible += 1;
+            self.falsely_occluded += u32::from(!seen);
+        }
+    }
+
+    /// False occlusion and leak, as shares of what is visible and what is hidden.
+    fn shares(&self) -> [f64; 2] {
+        [
+            f64::from(self.falsely_occluded) / f64::from(self.visible),
+            f64::from(self.leaked) / f64::from(self.hidden),
+        ]
+    }
+}
+
+// Who sees whom, between points and from lamps, against the scan's own mesh. Measured: 1.3% false
+// occlusion and 1.9% leak between points, 1.1% and 1.4% from lamps, whose light is off by 2.7%. With
+// lifts of 0.02 and 0.1: 1.2% and 2.6%, 1.7% and 1.1%; light 2.8%.
 #[test]
 fn cells_see_what_the_mesh_sees() {
     let (Some(path), Some(scene)) = (scan_file(), cave()) else {
@@ -184,90 +217,52 @@ fn cells_see_what_the_mesh_sees() {
     };
     let mesh = Mesh::read(&path);
     let surfels = Surfels::prepare(&scene.cloud, &Silent).unwrap().surfels;
-    let spacing = (mesh.area() / surfels.len() as f64).sqrt();
-    let area: f64 = surfels.areas.iter().map(|&a| f64::from(a)).sum();
-    println!(
-        "mesh {:.0} m2, cells {area:.0} m2, spacing {spacing:.3} m, scale {}",
-        mesh.area(),
-        surfels.occluder_scale
-    );
     let occluders = Occluders::build(&surfels);
     let visibility = CpuVisibility::<f32>::new(&occluders);
     let n = surfels.len();
+    let lift = LIFT * (mesh.area() / n as f64).sqrt();
+    let at = |i: usize| surfels.positions[i].as_dvec3() + surfels.origin;
+    let normal = |i: usize| surfels.normals[i].as_dvec3();
+    let above = |i: usize| at(i) + normal(i) * lift;
+
     let mut rng = common::random(1);
-    let pairs: Vec<(usize, usize)> =
-        std::iter::repeat_with(|| (rng.random_range(0..n), rng.random_range(0..n)))
-            .filter(|&(i, j)| face(&surfels, i, j))
-            .take(200_000)
-            .collect();
-    let segments: Vec<Segment> = pairs.iter().map(|&(i, j)| surfels.segment(i, j)).collect();
-    let seen = visibility.visible(&segments).unwrap();
-    let lamps: Vec<Vec<f64>> = scene
-        .lights
-        .iter()
-        .map(|l| {
-            lights::point_lights(&surfels, std::slice::from_ref(l), &visibility, &Silent)
-                .unwrap()
-                .irradiance
-                .iter()
-                .map(|h| h.x)
-                .collect()
-        })
+    let pairs: Vec<[u32; 2]> = std::iter::repeat_with(|| [(); 2].map(|()| rng.random_range(0..n)))
+        .filter(|&[i, j]| face(&surfels, i, j))
+        .take(100_000)
+        .map(|pair| pair.map(|i| i as u32))
         .collect();
-    for lift in [0.0, 0.02, 0.05, 0.1, 0.2] {
-        let above = |i: usize| {
-            surfels.positions[i].as_dvec3()
-                + surfels.origin
-                + surfels.normals[i].as_dvec3() * (lift * spacing)
-        };
-        let (mut visible, mut occluded, mut hidden, mut leaked) = (0, 0, 0, 0);
-        for (&(i, j), &seen) in pairs.iter().zip(&seen) {
-            if mesh.blocks(above(i), above(j)) {
-                hidden += 1;
-                leaked += i32::from(seen);
-            } else {
-                visible += 1;
-                occluded += i32::from(!seen);
-            }
-        }
-        let (mut e, mut t, mut a, mut b) = (0.0, 0.0, 0.0, 0.0);
-        let (mut lv, mut lo, mut lh, mut ll) = (0, 0, 0, 0);
-        for (lamp, found) in scene.lights.iter().zip(&lamps) {
-            for i in 0..n {
-                let way = lamp.position - surfels.positions[i].as_dvec3() - surfels.origin;
-                let cos = way.dot(surfels.normals[i].as_dvec3());
-                if cos <= 0.0 {
-                    continue;
-                }
-                let blocked = mesh.blocks(above(i), lamp.position);
-                let truth = if blocked {
-                    0.0
-                } else {
-                    50.0 * cos / way.length().powi(3)
-                };
-                let seen = found[i] > 0.0;
-                if blocked {
-                    lh += 1;
-                    ll += i32::from(seen)
-                } else {
-                    lv += 1;
-                    lo += i32::from(!seen)
-                }
-                e += (found[i] - truth).powi(2);
-                t += truth * truth;
-                a += found[i];
-                b += truth;
-            }
-        }
-        let share = |a: i32, b: i32| f64::from(a) / f64::from(b);
-        println!(
-            "lift {lift}: {visible} visible, {hidden} hidden; false occlusion {:.4}, leak {:.4}; lamps: false occlusion {:.4}, leak {:.4}, rel L2 {:.4}, bias {:+.4}",
-            share(occluded, visible),
-            share(leaked, hidden),
-            share(lo, lv),
-            share(ll, lh),
-            (e / t).sqrt(),
-            a / b - 1.0
-        );
+    let tested = BySegment {
+        surfels: &surfels,
+        visibility: &visibility,
+    };
+    let mut between = Judged::default();
+    for (&[i, j], seen) in pairs.iter().zip(tested.visible(&pairs).unwrap()) {
+        between.count(mesh.blocks(above(i as usize), above(j as usize)), seen);
     }
+
+    let mut from_lamps = Judged::default();
+    let mut light = Vec::new();
+    for lamp in &scene.lights {
+        let lamps = std::slice::from_ref(lamp);
+        let found = lights::point_lights(&surfels, lamps, &visibility, &Silent).unwrap();
+        for (i, &found) in found.irradiance.iter().enumerate() {
+            let way = lamp.position - at(i);
+            let height = normal(i).dot(way);
+            if height <= 0.0 {
+                continue;
+            }
+            let blocked = mesh.blocks(above(i), lamp.position);
+            from_lamps.count(blocked, found != DVec3::ZERO);
+            let open = lamp.intensity.as_dvec3() * (height / way.length().powi(3));
+            light.push((found, if blocked { DVec3::ZERO } else { open }));
+        }
+    }
+    let light = relative_l2(light.into_iter());
+    for (name, judged) in [("points", &between), ("lamps", &from_lamps)] {
+        let [occluded, leaked] = judged.shares();
+        println!("cave, {name}: false occlusion {occluded:.4}, leak {leaked:.4}");
+        assert!(occluded <= 0.02 && leaked <= 0.06);
+    }
+    println!("cave, light of the lamps: relative L2 {light:.4}");
+    assert!(light <= 0.03);
 }

@@ -7,13 +7,15 @@ mod rooms;
 use std::f64::consts::TAU;
 
 use clouds::{cloud, direction, noisy, random, sphere};
-use fmmgi_gpu::{PointCloud, Surfels};
+use fmmgi_gpu::PointCloud;
 use glam::{DVec2, DVec3};
 use rand::RngExt;
 use rooms::*;
 
 /// Radius of the ring that the tunnel follows; its own is 1.
 const RING: f64 = 4.0;
+/// Length of the straight tunnel, of radius 1 too.
+const LENGTH: f64 = 10.0;
 
 /// A place on the tunnel's wall at the angle `along` the ring and `around` the tunnel, with the
 /// normal that points inwards.
@@ -48,7 +50,7 @@ fn tunnel(n: usize, sampling: Sampling) -> PointCloud {
 
 /// Whether the segment between two places on the wall, or beside it, stays in the tunnel.
 fn in_tunnel(from: DVec3, to: DVec3) -> bool {
-    const STEPS: usize = 400;
+    const STEPS: usize = 200;
     let onto = |p: DVec3| {
         let centre = p.truncate().normalize().extend(0.0) * RING;
         centre + (p - centre).normalize()
@@ -71,11 +73,10 @@ fn in_sphere(n: usize, sampling: Sampling) -> PointCloud {
     }
 }
 
-/// The straight tunnel of radius 1 along z.
+/// The straight tunnel along z.
 fn in_cylinder(n: usize, sampling: Sampling) -> PointCloud {
-    let length = 10.0;
-    let rect = rect(DVec3::ZERO, DVec3::Y * length, DVec3::X * TAU);
-    let spacing = (TAU * length / n as f64).sqrt();
+    let rect = rect(DVec3::ZERO, DVec3::Y * LENGTH, DVec3::X * TAU);
+    let spacing = (TAU * LENGTH / n as f64).sqrt();
     let flat = points(&[rect], spacing, sampling, 1);
     cloud(flat.positions.iter().map(|p| {
         let n = DVec2::from_angle(p.x).extend(0.0);
@@ -83,34 +84,45 @@ fn in_cylinder(n: usize, sampling: Sampling) -> PointCloud {
     }))
 }
 
-fn report(name: &str, cloud: &PointCloud, truth: impl Fn(DVec3, DVec3) -> bool) -> [f64; 2] {
-    let surfels: Surfels = clouds::surfels(cloud);
-    let [occluded, leaked] = misjudged(&surfels, 200_000, |_, _| true, truth);
-    println!("{name}: false occlusion {occluded:.5}, leak {leaked:.5}");
-    [occluded, leaked]
-}
-
+// Measured without noise: 0 in the sphere and the straight tunnel (their walls bend away from all that
+// is inside); 5e-5, 9e-5, 3.5e-4 in the winding one (grid, strata, random), where cells on the inner
+// side of the bend stand out. With noise of 2 and 5 degrees: 7e-4 and 2e-3 of grids and strata, 1.5e-3
+// and 1e-2 of random points; with normals as they are 1.4e-3, 5e-3 and 2.4e-2.
 #[test]
 fn nothing_is_hidden_in_a_smooth_hollow() {
-    for n in [1000, 4000] {
-        for sampling in SAMPLINGS {
-            let cases = [
-                ("sphere", in_sphere(n, sampling), false),
-                ("straight tunnel", in_cylinder(n, sampling), false),
-                ("winding tunnel", tunnel(2 * n, sampling), true),
-            ];
-            for (name, cloud, winds) in cases {
-                for (degrees, shift) in [(0.0_f64, 0.0), (2.0, 0.02), (5.0, 0.05)] {
-                    let spacing = match name {
-                        "sphere" => (2.0 * TAU / n as f64).sqrt(),
-                        "straight tunnel" => (10.0 * TAU / n as f64).sqrt(),
-                        _ => (TAU * TAU * RING / (2 * n) as f64).sqrt(),
-                    };
-                    let cloud = noisy(&cloud, degrees.to_radians(), shift * spacing, 4);
-                    let truth = |a, b| !winds || in_tunnel(a, b);
-                    let name = format!("{name} of {n}, {sampling:?}, noise {degrees}");
-                    report(&name, &cloud, truth);
-                }
+    let n = 4000;
+    for sampling in SAMPLINGS {
+        let even = sampling != Sampling::Random;
+        for (name, cloud, area, winds) in [
+            ("sphere", in_sphere(n, sampling), 2.0 * TAU, false),
+            (
+                "straight tunnel",
+                in_cylinder(n, sampling),
+                LENGTH * TAU,
+                false,
+            ),
+            (
+                "winding tunnel",
+                tunnel(2 * n, sampling),
+                RING * TAU * TAU,
+                true,
+            ),
+        ] {
+            let spacing = (area / cloud.len() as f64).sqrt();
+            for (degrees, shift, most) in [
+                (0.0_f64, 0.0, 1e-3),
+                (2.0, 0.02, if even { 1.5e-3 } else { 3e-3 }),
+                (5.0, 0.05, if even { 4e-3 } else { 2e-2 }),
+            ] {
+                let cloud = noisy(&cloud, degrees.to_radians(), shift * spacing, 4);
+                let surfels = clouds::surfels(&cloud);
+                let truth = |a, b| !winds || in_tunnel(a, b);
+                let [occluded, leaked] = misjudged(&surfels, |_, _| true, truth);
+                println!(
+                    "{name}, {sampling:?}, {degrees} degrees, {shift} spacings of noise: false \
+                     occlusion {occluded:.1e}, leak {leaked:.1e}"
+                );
+                assert!(occluded < most && leaked < 0.05);
             }
         }
     }

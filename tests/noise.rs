@@ -9,7 +9,7 @@ use fmmgi_gpu::compare::compare;
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::{Backend, Method, Options, PointCloud, Scene, illuminate};
-use glam::Vec3;
+use glam::{DQuat, DVec2, DVec3, Vec3};
 use tracer::{Bounces, Receiver, Room};
 
 fn irradiance(scene: &Scene) -> Vec<Vec3> {
@@ -24,62 +24,157 @@ fn irradiance(scene: &Scene) -> Vec<Vec3> {
     lit.map.irradiance
 }
 
+/// Degrees that normals tilt, and spacings that points lie beside the surface.
+const NOISE: [(f64, f64); 2] = [(2.0, 0.02), (5.0, 0.05)];
+
 /// Square root of the mean area of a point.
 fn spacing(cloud: &PointCloud) -> f64 {
-    let area: f64 = cloud.areas.iter().map(|&a| f64::from(a)).sum();
+    let areas = clouds::surfels(cloud).areas;
+    let area: f64 = areas.iter().map(|&a| f64::from(a)).sum();
     (area / cloud.len() as f64).sqrt()
 }
 
-/// The light of a noisy cloud against that of the true surface, at the true places.
+fn with_noise(cloud: &PointCloud, degrees: f64, shift: f64) -> PointCloud {
+    clouds::noisy(cloud, degrees.to_radians(), shift * spacing(cloud), 7)
+}
+
+// The light of a noisy cloud against that of the true surface, at the true places. Measured: cornell
+// 1.5% and 2.6%, organic 3.0% and 4.6%, of which the path tracing's own noise is 0.8% and 0.9%; with
+// normals as they are 2.5%, 5.8%, 3.2% and 6.6%.
 #[test]
 fn noisy_rooms_are_lit_as_true_ones() {
-    for name in ["cornell", "organic"] {
-        a_noisy_room(name);
+    for (name, bounds) in [("cornell", [0.02, 0.035]), ("organic", [0.035, 0.055])] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenes/{name}.toml"));
+        let options = SceneOptions {
+            points: Some(20_000),
+            seed: 1,
+        };
+        let scene = Scene::load(&path, &options, &Silent).unwrap();
+        let chosen: Vec<usize> = (0..scene.cloud.len()).step_by(23).collect();
+        let receivers: Vec<Receiver> = chosen
+            .iter()
+            .map(|&i| Receiver {
+                place: scene.cloud.positions[i],
+                normal: scene.cloud.normals[i].as_dvec3(),
+            })
+            .collect();
+        let truth = Room::load(name).irradiance(&receivers, Bounces::All, 4096);
+        let truth: Vec<Vec3> = truth.iter().map(|e| e.irradiance.as_vec3()).collect();
+        for ((degrees, shift), most) in NOISE.into_iter().zip(bounds) {
+            let mut noisy = scene.clone();
+            noisy.cloud = with_noise(&scene.cloud, degrees, shift);
+            let found = irradiance(&noisy);
+            let found: Vec<Vec3> = chosen.iter().map(|&i| found[i]).collect();
+            let c = compare(&found, &truth).unwrap();
+            println!(
+                "{name}, {degrees} degrees and {shift} spacings of noise: relative L2 {:.4}, median \
+                 {:.4}, p95 {:.4}, bias {:+.4}",
+                c.rel_l2, c.median, c.p95, c.bias
+            );
+            assert!(c.rel_l2 < most && c.bias.abs() < 0.015);
+        }
     }
 }
 
-fn a_noisy_room(name: &str) {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenes/{name}.toml"));
-    let options = SceneOptions {
-        points: Some(20_000),
-        seed: 1,
-    };
-    let scene = Scene::load(&path, &options, &Silent).unwrap();
-    let chosen: Vec<usize> = (0..scene.cloud.len()).step_by(23).collect();
-    let receivers: Vec<Receiver> = chosen
+/// Root of the mean square of the angles between two sets of normals, in degrees.
+fn apart(a: &[Vec3], b: &[Vec3]) -> f64 {
+    let squares = a
         .iter()
-        .map(|&i| Receiver {
-            place: scene.cloud.positions[i],
-            normal: scene.cloud.normals[i].as_dvec3(),
-        })
-        .collect();
-    let truth = Room::load(name).irradiance(&receivers, Bounces::All, 4096);
-    let sum = |part: fn(&tracer::Estimate) -> f64| truth.iter().map(part).sum::<f64>();
-    let own = sum(|e| e.error.length_squared()) / sum(|e| e.irradiance.length_squared());
-    let truth: Vec<Vec3> = truth.iter().map(|e| e.irradiance.as_vec3()).collect();
-    println!("path tracing: own noise {:.4}", own.sqrt());
-    for (degrees, shift, most) in [
-        (0.0_f64, 0.0, 0.015),
-        (2.0, 0.02, 0.035),
-        (5.0, 0.05, 0.065),
+        .zip(b)
+        .map(|(a, b)| f64::from(a.distance_squared(*b)));
+    (squares.sum::<f64>() / a.len() as f64).sqrt().to_degrees()
+}
+
+// Averages over nine normals leave a third of their noise. Measured: 0.34 to 0.39 of it at both levels.
+#[test]
+fn normals_that_scatter_come_near_the_true_ones() {
+    for (name, cloud) in [
+        ("box", clouds::cube(25, 0.5, true, 1)),
+        ("sphere", clouds::sphere(4000, 0.5, true, 1)),
     ] {
-        let shift_length = shift * spacing(&scene.cloud);
-        let mut noisy = scene.clone();
-        noisy.cloud = clouds::noisy(&scene.cloud, degrees.to_radians(), shift_length, 7);
-        let found = irradiance(&noisy);
-        let found: Vec<Vec3> = chosen.iter().map(|&i| found[i]).collect();
-        let c = compare(&found, &truth).unwrap();
-        println!(
-            "{name} with {degrees} degrees and {shift} spacings of noise: relative L2 {:.4} ({:.4} \
-             without the noise of the truth), median {:.4}, p95 {:.4}, bias {:+.4}",
-            c.rel_l2,
-            (c.rel_l2 * c.rel_l2 - own).max(0.0).sqrt(),
-            c.median,
-            c.p95,
-            c.bias
-        );
-        if false {
-            assert!(c.rel_l2 < most && c.bias.abs() < 0.01);
+        for (degrees, shift) in NOISE {
+            let noisy = with_noise(&cloud, degrees, shift);
+            let prepared = clouds::prepare(&noisy);
+            let before = apart(&noisy.normals, &cloud.normals);
+            let after = apart(&prepared.surfels.normals, &cloud.normals);
+            println!(
+                "{name}: {before:.2} degrees off, then {after:.2}; {:?}",
+                prepared.repairs
+            );
+            assert!(after < 0.5 * before);
+            assert!(
+                prepared
+                    .repairs
+                    .iter()
+                    .any(|r| r.starts_with("normals that scatter"))
+            );
         }
+    }
+}
+
+/// A sheet of waves, each as long as `spacings` points of the lattice.
+fn waves(spacings: f64) -> PointCloud {
+    let k = std::f64::consts::TAU / spacings;
+    clouds::cloud((0..2500).map(|i| {
+        let (x, y) = (f64::from(i % 50), f64::from(i / 50) + 0.3);
+        let height = 0.2 / k * (k * x).sin() * (k * y).sin();
+        let slope = 0.2 * DVec2::new((k * x).cos() * (k * y).sin(), (k * x).sin() * (k * y).cos());
+        (DVec3::new(x, y, height), (-slope).extend(1.0).normalize())
+    }))
+}
+
+/// What is rough is not noisy: where positions and normals agree, or averages would agree less, the
+/// normals stay as they are.
+#[test]
+fn relief_stays() {
+    for (name, cloud) in [
+        ("box", clouds::cube(25, 0.5, true, 1)),
+        ("sphere", clouds::sphere(4000, 0.5, true, 1)),
+        ("long waves", waves(24.0)),
+        ("short waves", waves(6.3)),
+    ] {
+        let after = clouds::surfels(&cloud).normals;
+        let changed = apart(&after, &cloud.normals);
+        println!("{name}: normals turn by {changed:.1e} degrees");
+        assert!(changed < 1e-4);
+    }
+}
+
+/// Turned, scaled or with other noise of the same size, a cloud has the same rule.
+#[test]
+fn the_rule_moves_with_the_cloud() {
+    let clean = clouds::sphere(4000, 0.5, true, 1);
+    for (degrees, shift) in [(0.0, 0.0), NOISE[0], NOISE[1]] {
+        let cloud = with_noise(&clean, degrees, shift);
+        let before = clouds::surfels(&cloud);
+        for (turn, scale) in [
+            (DQuat::IDENTITY, 1e-4),
+            (DQuat::IDENTITY, 1e5),
+            (clouds::rotation(1), 1.0),
+            (clouds::rotation(2), 1e3),
+        ] {
+            let moved = clouds::moved(&cloud, turn, scale, DVec3::ZERO);
+            let after = clouds::surfels(&moved);
+            let turned: Vec<Vec3> = before
+                .normals
+                .iter()
+                .map(|n| (turn * n.as_dvec3()).as_vec3())
+                .collect();
+            // Rounding of positions may change who is the eighth neighbour of a few.
+            assert!(apart(&after.normals, &turned) < 1e-2);
+            assert!((after.occluder_scale - before.occluder_scale).abs() < 1e-5);
+            let ratios = after.offsets.iter().zip(&before.offsets);
+            let differ = ratios
+                .filter(|(a, b)| (*a / (*b * scale as f32) - 1.0).abs() > 1e-3)
+                .count();
+            assert!(differ <= before.len() / 500, "{differ}");
+        }
+        let other = clouds::noisy(&clean, f64::to_radians(degrees), shift * spacing(&clean), 8);
+        let other = clouds::surfels(&other).occluder_scale;
+        println!(
+            "{degrees} {shift}: scale {} and {other}",
+            before.occluder_scale
+        );
+        assert!((other - before.occluder_scale).abs() < 2e-3);
     }
 }

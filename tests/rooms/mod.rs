@@ -2,7 +2,7 @@
 #![allow(dead_code)]
 
 use fmmgi_gpu::progress::Silent;
-use fmmgi_gpu::visibility::{CpuVisibility, Occluders, Visibility};
+use fmmgi_gpu::visibility::{CpuVisibility, Occluders, Visibility, face};
 use fmmgi_gpu::{Backend, Method, Occlusion, Options, PointCloud, Scene, Surfels, illuminate};
 use glam::{DVec3, Vec3};
 use rand::RngExt;
@@ -192,26 +192,24 @@ pub fn light(cloud: &PointCloud, method: Method, tolerance: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Shares of `count` random pairs of surfels that face each other: blocked although `truth` sees
-/// them (false occlusion, of what truth sees), and seen although `truth` does not (leak, of what
-/// truth blocks). `truth` gets two places.
+/// Shares of random pairs of surfels that face each other and that `pair` accepts: blocked although
+/// `truth` sees them (false occlusion, of what truth sees), and seen although `truth` does not (leak,
+/// of what truth blocks).
 pub fn misjudged(
     surfels: &Surfels,
-    count: usize,
     pair: impl Fn(usize, usize) -> bool,
     truth: impl Fn(DVec3, DVec3) -> bool,
 ) -> [f64; 2] {
+    const PAIRS: usize = 100_000;
     let mut rng = random(1);
     let n = surfels.len();
-    let mut pairs = Vec::with_capacity(count);
-    let mut tries = 0;
-    while pairs.len() < count && tries < 1000 * count {
-        tries += 1;
+    let pairs: Vec<(usize, usize)> = std::iter::repeat_with(|| {
         let [i, j] = [(); 2].map(|()| rng.random_range(0..n));
-        if fmmgi_gpu::visibility::face(surfels, i, j) && pair(i, j) {
-            pairs.push((i, j));
-        }
-    }
+        (i, j)
+    })
+    .filter(|&(i, j)| face(surfels, i, j) && pair(i, j))
+    .take(PAIRS)
+    .collect();
     let segments: Vec<_> = pairs.iter().map(|&(i, j)| surfels.segment(i, j)).collect();
     let occluders = Occluders::build(surfels);
     let seen = CpuVisibility::<f32>::new(&occluders)
