@@ -50,7 +50,7 @@ fn noisy_rooms_are_lit_as_true_ones() {
             seed: 1,
         };
         let scene = Scene::load(&path, &options, &Silent).unwrap();
-        let chosen: Vec<usize> = (0..scene.cloud.len()).step_by(23).collect();
+        let chosen: Vec<usize> = (0..scene.cloud.len()).step_by(40).collect();
         let receivers: Vec<Receiver> = chosen
             .iter()
             .map(|&i| Receiver {
@@ -58,7 +58,7 @@ fn noisy_rooms_are_lit_as_true_ones() {
                 normal: scene.cloud.normals[i].as_dvec3(),
             })
             .collect();
-        let truth = Room::load(name).irradiance(&receivers, Bounces::All, 4096);
+        let truth = Room::load(name).irradiance(&receivers, Bounces::All, 2048);
         let truth: Vec<Vec3> = truth.iter().map(|e| e.irradiance.as_vec3()).collect();
         for ((degrees, shift), most) in NOISE.into_iter().zip(bounds) {
             let mut noisy = scene.clone();
