@@ -139,7 +139,7 @@ fn trace(name: &str, scene: &Scene, chosen: &[usize], bounces: Bounces, paths: u
     traced
 }
 
-const PATHS: usize = 16_384;
+const PATHS: usize = 8192;
 
 /// All bounces on 300 receivers by a method.
 fn room(name: &str, method: Method) -> Comparison {

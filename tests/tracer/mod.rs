@@ -209,17 +209,23 @@ impl Room {
 
     /// Does any surface lie between a place and the end of `way`?
     pub fn blocked(&self, from: DVec3, way: DVec3) -> bool {
-        let ray = Ray { from, way };
-        self.surfaces
-            .iter()
-            .filter_map(|s| s.meet(ray))
-            .any(|hit| hit.distance < 1.0 - LIFT)
+        let (ray, limit) = (Ray { from, way }, 1.0 - LIFT);
+        self.surfaces.iter().any(|s| match &s.shape {
+            Shape::Body(body) => body.blocks(ray, limit),
+            _ => s.meet(ray, limit).is_some(),
+        })
     }
 
     fn first(&self, ray: Ray) -> Option<(&Surface, Hit)> {
-        let hits = self.surfaces.iter();
-        hits.filter_map(|s| s.meet(ray).map(|hit| (s, hit)))
-            .min_by(|a, b| a.1.distance.total_cmp(&b.1.distance))
+        let mut nearest = None;
+        let mut limit = f64::INFINITY;
+        for surface in &self.surfaces {
+            if let Some(hit) = surface.meet(ray, limit) {
+                limit = hit.distance;
+                nearest = Some((surface, hit));
+            }
+        }
+        nearest
     }
 }
 
@@ -229,12 +235,14 @@ impl Surface {
         matches!(self.shape, Shape::Quad(_)) && self.emission != DVec3::ZERO
     }
 
-    fn meet(&self, ray: Ray) -> Option<Hit> {
-        match &self.shape {
+    /// The first hit before the limit.
+    fn meet(&self, ray: Ray, limit: f64) -> Option<Hit> {
+        let hit = match &self.shape {
             Shape::Quad(quad) => quad.meet(ray),
             Shape::Ball(ball) => ball.meet(ray),
-            Shape::Body(body) => body.meet(ray),
-        }
+            Shape::Body(body) => body.meet(ray, limit),
+        };
+        hit.filter(|hit| hit.distance < limit)
     }
 }
 
