@@ -4,8 +4,12 @@
 mod clouds;
 mod rooms;
 
+use std::f64::consts::PI;
+
+use clouds::random;
 use fmmgi_gpu::Method;
 use glam::DVec3;
+use rand::RngExt;
 use rooms::*;
 
 /// Irradiance by `method` at the places of `receivers`, next to the truth there.
@@ -52,31 +56,33 @@ fn block_on_floor() -> (Vec<Rect>, [Rect; 5]) {
     (floor.into_iter().map(black).collect(), sides.map(black))
 }
 
-/// Irradiance from a rectangle of radiosity 1 with others in the way, by the midpoint rule.
-fn quadrature(source: &Rect, blockers: &[Rect], place: DVec3, normal: DVec3) -> f64 {
-    const CELLS: usize = 128;
-    let cell = 1.0 / CELLS as f64;
-    let area = source.area() * cell * cell;
-    (0..CELLS * CELLS)
-        .map(|k| {
-            let at = |q: usize| (q as f64 + 0.5) * cell;
-            let to = source.at(at(k / CELLS), at(k % CELLS));
-            let way = to - place;
-            let cosines = normal.dot(way) * -source.normal().dot(way);
-            if normal.dot(way) <= 0.0
-                || cosines <= 0.0
-                || blockers.iter().any(|b| b.blocks(place, to))
-            {
-                return 0.0;
-            }
-            area * cosines / (std::f64::consts::PI * way.length_squared().powi(2))
-        })
-        .sum()
+/// What a place gets from an area of radiosity 1 around another, facing, with rectangles in the way.
+fn exchanged(place: DVec3, normal: DVec3, to: DVec3, facing: DVec3, blockers: &[Rect]) -> f64 {
+    let way = to - place;
+    let (cos, cos_there) = (normal.dot(way), -facing.dot(way));
+    let open = cos > 0.0 && cos_there > 0.0;
+    match open && !blockers.iter().any(|b| b.blocks(place, to)) {
+        true => cos * cos_there / (PI * way.length_squared().powi(2)),
+        false => 0.0,
+    }
 }
 
-// A shining ceiling over the block: irradiance of the floor within one and three spacings of it.
-// Measured, worst of the two: 0.9% for strata, 2.3% for a grid (whose pairs all cross the edge of a
-// shadow at one place) and for random points. Links and emitters take samples: 6%.
+/// Irradiance from a shining rectangle, from a random place in each of 64 by 64 strata.
+fn quadrature(source: &Rect, blockers: &[Rect], place: DVec3, normal: DVec3) -> f64 {
+    const STRATA: usize = 64;
+    let mut rng = random(1);
+    let strata = (0..STRATA * STRATA).map(|k| {
+        let mut at = |q: usize| (q as f64 + rng.random::<f64>()) / STRATA as f64;
+        let to = source.at(at(k / STRATA), at(k % STRATA));
+        exchanged(place, normal, to, source.normal(), blockers)
+    });
+    strata.sum::<f64>() * source.area() / (STRATA * STRATA) as f64
+}
+
+// A shining ceiling over the block: irradiance of the floor within a spacing of it.
+// Measured with exact sums: 0.8% for strata, 2.9% for a grid, whose pairs all cross the edge of the
+// shadow at one place, and 2.1% for random points; with samples 2 to 4%. Against the same sums with the
+// exact answer to who sees whom: 0, 0.4%, 0.5%.
 #[test]
 fn beside_a_block() {
     let (floor, block) = block_on_floor();
@@ -87,27 +93,35 @@ fn beside_a_block() {
     ));
     let all: Vec<Rect> = [&floor[..], &block, &[ceiling]].concat();
     let middle = DVec3::new(20.0, 20.0, 0.0);
-    for (sampling, most) in [
-        (Sampling::Grid, 0.035),
-        (Sampling::Strata, 0.015),
-        (Sampling::Random, 0.035),
-    ] {
-        for (method, most) in [(Method::Direct, most), (Method::Fmm, 0.09)] {
-            let truth = |p: DVec3, n: DVec3| quadrature(&ceiling, &block, p, n);
-            for reach in [1.0, 3.0] {
-                let beside = |p: DVec3, n: DVec3| {
-                    let q = (p - middle).abs();
-                    on_floor(p, n) && q.x.max(q.y) < 4.0 + reach
-                };
-                let pairs = against(&all, sampling, method, beside, truth);
-                let [l2, bias] = errors(pairs);
-                println!(
-                    "within {reach} of a block, {sampling:?}, {method:?}: relative L2 {l2:.4}, \
-                     bias {bias:+.4}"
-                );
-                assert!(l2 < most && bias.abs() < 0.03);
-            }
+    let beside = |p: DVec3, n: DVec3| {
+        let q = (p - middle).abs();
+        on_floor(p, n) && q.x.max(q.y) < 5.0
+    };
+    for (sampling, most) in SAMPLINGS.into_iter().zip([0.045_f64, 0.015, 0.035]) {
+        let truth = |p: DVec3, n: DVec3| quadrature(&ceiling, &block, p, n);
+        for (method, most) in [(Method::Direct, most), (Method::Fmm, most.max(0.06))] {
+            let [l2, bias] = errors(against(&all, sampling, method, beside, truth));
+            println!(
+                "beside a block, {sampling:?}, {method:?}: relative L2 {l2:.4}, bias {bias:+.4}"
+            );
+            assert!(l2 < most);
         }
+        let cloud = points(&all, 1.0, sampling, 1);
+        let areas = clouds::surfels(&cloud).areas;
+        let sum = |p: DVec3, n: DVec3| {
+            let lamps = (0..cloud.len()).filter(|&k| cloud.emission[k].x > 0.0);
+            lamps
+                .map(|k| {
+                    let there = cloud.positions[k];
+                    f64::from(areas[k]) * exchanged(p, n, there, ceiling.normal(), &block)
+                })
+                .sum()
+        };
+        let [l2, bias] = errors(against(&all, sampling, Method::Direct, beside, sum));
+        println!(
+            "beside a block, {sampling:?}, who sees whom alone: relative L2 {l2:.5}, bias {bias:+.5}"
+        );
+        assert!(l2 < 0.008);
     }
 }
 

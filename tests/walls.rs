@@ -44,9 +44,9 @@ fn leak(cloud: &PointCloud, lit: usize) -> f64 {
     leak
 }
 
-// Measured: walls along the axes 0 of both on a grid, 0 and 2e-5 of strata, up to 1.7e-3 of the
-// segments and 3.6e-4 of the light of random points. Where facets reach through a tilted wall, links
-// bring 2e-4, 1.2e-3, 2.4e-3 of the light.
+// Measured: no segment and no light along the axes of a grid; tilted, no segment of strata and 7e-5,
+// 4e-4, 1.5e-3 of random points. Links whose facets reach through a tilted wall bring 2e-4, 1.2e-3,
+// 2.5e-3 of the light.
 #[test]
 fn thin_walls_keep_light_out() {
     for (thickness, most) in WALLS {
@@ -71,8 +71,8 @@ fn thin_walls_keep_light_out() {
     }
 }
 
-// Noise of normals (degrees) and positions. Measured at 5 degrees: 6e-5, 1.6e-4, 3.4e-4 of strata and
-// grids, 8e-4, 1.2e-3, 5.4e-3 of random points; with normals as they are up to 9e-3.
+// Noise of normals (degrees) and positions. Measured at 5 degrees: up to 6e-5, 1.5e-4, 3.8e-4 of grids
+// and strata, 6e-4, 9e-4, 4.6e-3 of random points; with normals as they are 4e-3, 4e-3, 9e-3.
 #[test]
 fn noisy_walls_keep_light_out() {
     for (degrees, shift) in [(2.0_f64, 0.02), (5.0, 0.05)] {
@@ -171,7 +171,10 @@ fn by_links(cloud: &PointCloud, lit: usize, tolerance: f32) -> Vec<f64> {
     irradiance
 }
 
-/// The walls of the first room shine with 1: the second room sees a door of radiosity 1.
+// The walls of the first room shine with 1: the second room sees a door of radiosity 1. Measured, bias:
+// up to 0.4% by exact sums, 0.7% and 0.8% by emitters and links, of grids and strata; 1.3%, 0.8%, 1.5%
+// of random points (whose frame, a spacing or five deep, is all border). A door of five spacings: 0.5%,
+// 0.2%, 1.4%; of random points 20%.
 #[test]
 fn a_door_lets_through_what_it_should() {
     for (thickness, width) in [(5.0, 10.0), (1.0, 10.0), (1.0, 5.0)] {
@@ -204,7 +207,7 @@ fn a_door_lets_through_what_it_should() {
                     "door of {width} in a wall of {thickness}, {sampling:?}, {name}: relative L2 \
                      {l2:.4}, bias {bias:+.4}"
                 );
-                assert!(width < 10.0 || bias.abs() < 0.03);
+                assert!(bias.abs() < 0.03 || (width < 10.0 && sampling == Sampling::Random));
             }
         }
     }

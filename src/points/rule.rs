@@ -12,7 +12,7 @@ const LARGEST_SPACING: f64 = 30.0;
 /// Neighbours that it is measured with.
 const NEIGHBOURS: usize = 24;
 /// Offsets of segments, in spacings: of clean surfaces, and at most.
-const OFFSETS: [f64; 2] = [0.02, 0.2];
+const OFFSETS: [f64; 2] = [0.02, 0.3];
 /// The same for roughness 1.
 const OFFSET_OF_ROUGHNESS: f64 = 4.0;
 
