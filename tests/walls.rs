@@ -172,15 +172,14 @@ fn by_links(cloud: &PointCloud, lit: usize, tolerance: f32) -> Vec<f64> {
 }
 
 // The walls of the first room shine with 1: the second room sees a door of radiosity 1. Measured, bias:
-// up to 0.4% by exact sums, 0.7% and 0.8% by emitters and links, of grids and strata; 1.3%, 0.8%, 1.5%
-// of random points (whose frame, a spacing or five deep, is all border). A door of five spacings: 0.5%,
-// 0.2%, 1.4%; of random points 20%.
+// up to 0.1% by exact sums, 0.7% by emitters and 0.5% by links; 1.3%, 0.8%, 1.5% of random points (whose
+// frame is all border). A door of five spacings: 0.3%, 0.1%, 0.6%; of random points 20%.
 #[test]
 fn a_door_lets_through_what_it_should() {
     for (thickness, width) in [(5.0, 10.0), (1.0, 10.0), (1.0, 5.0)] {
         let door = Door { thickness, width };
         let (first, second) = door.rooms();
-        for sampling in SAMPLINGS {
+        for sampling in [Sampling::Strata, Sampling::Random] {
             let (mut cloud, lit) = sampled(&first, &second, sampling);
             cloud.reflectance.fill(Vec3::ZERO);
             let areas = clouds::surfels(&cloud).areas;
