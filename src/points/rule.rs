@@ -7,13 +7,13 @@ use super::neighbours::Neighbours;
 
 /// Surfels that the rule is measured on.
 const SAMPLE: usize = 20_000;
+/// Neighbours of each, among which those of similar normal are looked for.
+const NEIGHBOURS: usize = 24;
 /// Largest spacing of a cell, in medians of the spacing.
 const LARGEST_SPACING: f64 = 30.0;
-/// Neighbours that it is measured with.
-const NEIGHBOURS: usize = 24;
-/// Offsets of segments, in spacings: of clean surfaces, and at most.
+/// Offsets, in spacings: of clean surfaces, and at most.
 const OFFSETS: [f64; 2] = [0.02, 0.3];
-/// The same for roughness 1.
+/// Between the two, for a roughness of 1.
 const OFFSET_OF_ROUGHNESS: f64 = 4.0;
 
 /// How far the surface can be trusted: the one rule by which cells, occluders and segments follow

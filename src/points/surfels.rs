@@ -25,7 +25,7 @@ pub struct Surfels {
     pub origin: DVec3,
     /// Centres, relative to `origin`.
     pub positions: Vec<Vec3>,
-    /// Unit normals.
+    /// Unit normals; smoothed, where those of the cloud scatter.
     pub normals: Vec<Vec3>,
     /// Areas in unit².
     pub areas: Vec<f32>,
@@ -66,8 +66,8 @@ impl Surfels {
         self.positions.is_empty()
     }
 
-    /// The surfels of a cloud: unusable points left out, points at one place merged, cells made,
-    /// areas taken from the cloud or else from the cells.
+    /// The surfels of a cloud: unusable points left out, points at one place merged, normals that
+    /// scatter smoothed, cells made, areas taken from the cloud or else from the cells.
     pub fn prepare(cloud: &PointCloud, progress: &dyn Progress) -> Result<Prepared> {
         if cloud.is_empty() {
             return Err(Error::Invalid("the cloud has no points".into()));
