@@ -2,6 +2,7 @@
 //! in the folder of FMMGI_SCANS, or in ../shared/scans.
 
 mod common;
+mod mesh;
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -11,12 +12,14 @@ use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Fields, Fmm, GpuFmm, TransportOperator, exact_irradiance};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::PointLight;
-use fmmgi_gpu::visibility::{CpuVisibility, Occluders};
+use fmmgi_gpu::visibility::{BySegment, CpuVisibility, Occluders, PointVisibility, face};
 use fmmgi_gpu::{Backend, Method, Occlusion, Options, Scene, Surfels, illuminate, lights, scan};
 use glam::{DVec3, Vec3};
+use mesh::Mesh;
+use rand::RngExt;
 
-/// The scan with its lights, or `None` with a word where it is not present.
-fn cave() -> Option<Scene> {
+/// The scan's file, or `None` with a word where it is not present.
+fn scan_file() -> Option<PathBuf> {
     let folder = std::env::var_os("FMMGI_SCANS").map_or_else(
         || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/scans")),
         PathBuf::from,
@@ -26,6 +29,12 @@ fn cave() -> Option<Scene> {
         println!("NOT RUN: {} is not present", path.display());
         return None;
     }
+    Some(path)
+}
+
+/// The scan with its lights.
+fn cave() -> Option<Scene> {
+    let path = scan_file()?;
     let places = [
         [2.18, -2.37, -17.51],
         [0.06, -0.90, -4.50],
@@ -165,4 +174,96 @@ fn bounces<O: TransportOperator>(operator: &O, surfels: &Surfels, lamps: &[DVec3
         fields.axpy(1.0, &lamps, &mut irradiance).unwrap();
     }
     fields.download(&irradiance).unwrap()
+}
+
+/// Height above the mesh, in spacings, at which segments against it start and end.
+const LIFT: f64 = 0.05;
+
+/// How often the cells are wrong about segments that the mesh leaves open, and about those it blocks.
+#[derive(Default)]
+struct Judged {
+    visible: u32,
+    falsely_occluded: u32,
+    hidden: u32,
+    leaked: u32,
+}
+
+impl Judged {
+    fn count(&mut self, blocked: bool, seen: bool) {
+        if blocked {
+            self.hidden += 1;
+            self.leaked += u32::from(seen);
+        } else {
+            self.visible += 1;
+            self.falsely_occluded += u32::from(!seen);
+        }
+    }
+
+    /// False occlusion and leak, as shares of what is visible and what is hidden.
+    fn shares(&self) -> [f64; 2] {
+        [
+            f64::from(self.falsely_occluded) / f64::from(self.visible),
+            f64::from(self.leaked) / f64::from(self.hidden),
+        ]
+    }
+}
+
+// Who sees whom, between points and from lamps, against the scan's own mesh. Measured: 1.3% false
+// occlusion and 1.9% leak between points, 1.1% and 1.4% from lamps, whose light is off by 2.7%. With
+// lifts of 0.02 and 0.1: 1.2% and 2.6%, 1.7% and 1.1%; light 2.8%.
+#[test]
+fn cells_see_what_the_mesh_sees() {
+    let (Some(path), Some(scene)) = (scan_file(), cave()) else {
+        return;
+    };
+    let mesh = Mesh::read(&path);
+    let surfels = Surfels::prepare(&scene.cloud, &Silent).unwrap().surfels;
+    let occluders = Occluders::build(&surfels);
+    let visibility = CpuVisibility::<f32>::new(&occluders);
+    let n = surfels.len();
+    let lift = LIFT * (mesh.area() / n as f64).sqrt();
+    let at = |i: usize| surfels.positions[i].as_dvec3() + surfels.origin;
+    let normal = |i: usize| surfels.normals[i].as_dvec3();
+    let above = |i: usize| at(i) + normal(i) * lift;
+
+    let mut rng = common::random(1);
+    let pairs: Vec<[u32; 2]> = std::iter::repeat_with(|| [(); 2].map(|()| rng.random_range(0..n)))
+        .filter(|&[i, j]| face(&surfels, i, j))
+        .take(100_000)
+        .map(|pair| pair.map(|i| i as u32))
+        .collect();
+    let tested = BySegment {
+        surfels: &surfels,
+        visibility: &visibility,
+    };
+    let mut between = Judged::default();
+    for (&[i, j], seen) in pairs.iter().zip(tested.visible(&pairs).unwrap()) {
+        between.count(mesh.blocks(above(i as usize), above(j as usize)), seen);
+    }
+
+    let mut from_lamps = Judged::default();
+    let mut light = Vec::new();
+    for lamp in &scene.lights {
+        let lamps = std::slice::from_ref(lamp);
+        let found = lights::point_lights(&surfels, lamps, &visibility, &Silent).unwrap();
+        for (i, &found) in found.irradiance.iter().enumerate() {
+            let way = lamp.position - at(i);
+            let height = normal(i).dot(way);
+            if height <= 0.0 {
+                continue;
+            }
+            let blocked = mesh.blocks(above(i), lamp.position);
+            from_lamps.count(blocked, found != DVec3::ZERO);
+            let open = lamp.intensity.as_dvec3() * (height / way.length().powi(3));
+            light.push((found, if blocked { DVec3::ZERO } else { open }));
+        }
+    }
+    let light = relative_l2(light.into_iter());
+    for (name, judged) in [("points", &between), ("lamps", &from_lamps)] {
+        let [occluded, leaked] = judged.shares();
+        println!("cave, {name}: false occlusion {occluded:.4}, leak {leaked:.4}");
+        assert!(occluded <= 0.02 && leaked <= 0.06);
+    }
+    println!("cave, light of the lamps: relative L2 {light:.4}");
+    assert!(light <= 0.03);
 }

@@ -1,9 +1,9 @@
 //! Light from surfels that shine.
 //!
 //! The emitters have an octree of their own. Each receiver descends it to the clusters that it can
-//! tell apart; their light without occlusion is summed up. A few segments, to clusters drawn in
-//! proportion to their light and each to one emitter of its cluster, give the visible part; more
-//! where the first do not agree.
+//! tell apart; their light without occlusion is summed up. A few segments, to emitters drawn in
+//! proportion to their light, give the visible part; more where those of a receiver and of its
+//! neighbours do not agree.
 
 use glam::DVec3;
 use rand::RngExt;
@@ -20,8 +20,15 @@ use crate::progress::Progress;
 use crate::random::{Purpose, stream};
 use crate::visibility::{Segment, Visibility};
 
-/// Segments a receiver: first, and more where the first do not agree.
-const SEGMENTS: [usize; 2] = [16, 48];
+/// Segments a receiver.
+const SEGMENTS: usize = 16;
+/// Further ones where the first do not agree, at a tolerance of 0.03, and the most at any.
+const MORE_SEGMENTS: [f64; 2] = [48.0, 1000.0];
+/// Receivers before and after one, in the octree's order, that tell whether a shadow is near: where
+/// few segments all miss its edge.
+const NEIGHBOURS: usize = 4;
+/// Order of the clusters' expansions.
+const ORDER: usize = 3;
 
 /// Irradiance from the surfels' emission.
 pub fn emitters(
@@ -39,6 +46,9 @@ pub fn emitters(
         return Ok(irradiance);
     }
     let emitters = Emitters::new(surfels, &shining, tolerance);
+    // From K strata the visible part of a lamp with a straight shadow on it is off by K^(-3/4).
+    let [more, most] = MORE_SEGMENTS;
+    let more = (more * (0.03 / tolerance).powf(4.0 / 3.0)).min(most) as usize;
     progress.stage("emitters", surfels.len() as u64);
     for (k, batch) in irradiance.chunks_mut(BATCH).enumerate() {
         progress.check()?;
@@ -50,10 +60,12 @@ pub fn emitters(
                 |workspace, i| emitters.receiver(i, seed, workspace),
             )
             .collect();
-        for (round, count) in SEGMENTS.into_iter().enumerate() {
+        for (count, everywhere) in [(SEGMENTS, true), (more, false)] {
+            let in_doubt = in_doubt(&receivers);
             let drawn: Vec<Vec<Drawn>> = receivers
                 .par_iter_mut()
-                .map(|r| match round == 0 || r.partial() {
+                .zip(in_doubt)
+                .map(|(r, in_doubt)| match everywhere || in_doubt {
                     true => emitters.draw(r, count),
                     false => Vec::new(),
                 })
@@ -82,6 +94,22 @@ pub fn emitters(
     Ok(irradiance)
 }
 
+/// Which receivers may have a shadow's edge on them: not all segments, theirs and those of their
+/// neighbours, say the same.
+fn in_doubt(receivers: &[Receiver]) -> Vec<bool> {
+    (0..receivers.len())
+        .map(|k| {
+            let near = k.saturating_sub(NEIGHBOURS)..(k + NEIGHBOURS + 1).min(receivers.len());
+            let (mut some, mut all) = (false, true);
+            for r in &receivers[near] {
+                some |= r.seen != DVec3::ZERO;
+                all &= r.seen == r.tested;
+            }
+            some && !all
+        })
+        .collect()
+}
+
 /// The emitters with their octree and moments.
 struct Emitters {
     octree: Octree,
@@ -89,6 +117,8 @@ struct Emitters {
     emission: Vec<DVec3>,
     /// All surfels: the receivers.
     all: Surface<f64>,
+    /// Their power, all colours together, before each and at the end.
+    power_before: Vec<f64>,
     /// Index among all surfels.
     index: Vec<u32>,
     moments: Expansions<f64>,
@@ -131,10 +161,6 @@ impl Receiver {
         }
     }
 
-    fn partial(&self) -> bool {
-        self.seen != DVec3::ZERO && self.seen != self.tested
-    }
-
     /// Light without occlusion times the visible part, channel by channel.
     fn irradiance(&self) -> DVec3 {
         let part = self.seen / self.tested.max(DVec3::splat(f64::MIN_POSITIVE));
@@ -153,16 +179,22 @@ impl Emitters {
             .collect();
         let surface = Surface::new(&sorted);
         let emission: Vec<DVec3> = sorted.emission.iter().map(|e| e.as_dvec3()).collect();
-        let mut moments = p2m(1, &octree, &surface, &emission);
+        let mut moments = p2m(ORDER, &octree, &surface, &emission);
         m2m(&octree, &mut moments);
+        let mut power = 0.0;
+        let powers = emission.iter().zip(&sorted.areas).map(|(e, &area)| {
+            power += e.element_sum() * f64::from(area);
+            power
+        });
         Emitters {
             octree,
+            power_before: [0.0].into_iter().chain(powers).collect(),
             index: sorted.points.iter().map(|p| place[p]).collect(),
             emission,
             all: Surface::new(surfels),
             moments,
-            // The expansion's error, 0.7 opening², is a small part of the tolerance.
-            opening: (0.15 * tolerance).sqrt().min(0.3),
+            // The expansion's error, opening^(p + 1), is a small part of the tolerance.
+            opening: (0.02 * tolerance).powf(1.0 / (ORDER + 1) as f64).min(0.3),
         }
     }
 
@@ -223,8 +255,8 @@ impl Emitters {
         })
     }
 
-    /// Draws emitters in proportion to their light, evenly through the clusters; all of them once
-    /// where there are no more than `count`.
+    /// Draws emitters in proportion to their light, one from each of `count` equal parts of it; all of
+    /// them once where there are no more than `count`.
     fn draw(&self, r: &mut Receiver, count: usize) -> Vec<Drawn> {
         let members: usize = r
             .items
@@ -251,20 +283,27 @@ impl Emitters {
         }
         let step = total / count as f64;
         let mut next = step * r.random.random::<f64>();
-        let mut passed = 0.0;
+        let mut before = 0.0;
         let mut drawn = Vec::with_capacity(count);
         for item in &r.items {
             let share = share(item);
-            passed += share;
-            while next < passed && drawn.len() < count {
-                let e = r.random.random_range(item.begin..item.end) as usize;
+            while next < before + share && drawn.len() < count {
                 drawn.push(Drawn {
-                    emitter: self.index[e],
+                    emitter: self.index[self.member(item, (next - before) / share)],
                     light: item.irradiance / share,
                 });
-                next += step;
+                next = step * (drawn.len() as f64 + r.random.random::<f64>());
             }
+            before += share;
         }
         drawn
+    }
+
+    /// The emitter at a part, from 0 to 1, of the power of an item.
+    fn member(&self, item: &Item, part: f64) -> usize {
+        let (begin, end) = (item.begin as usize, item.end as usize);
+        let [low, high] = [begin, end].map(|e| self.power_before[e]);
+        let upto = &self.power_before[begin + 1..end];
+        begin + upto.partition_point(|&p| p <= low + part * (high - low))
     }
 }

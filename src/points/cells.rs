@@ -9,7 +9,8 @@ use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
-use super::rule::{Neighbour, SurfaceRule};
+use super::neighbours::Neighbour;
+use super::rule::SurfaceRule;
 
 /// Largest number of edges of a cell, so that a GPU can hold it.
 pub const MAX_EDGES: usize = 8;

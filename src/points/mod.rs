@@ -2,8 +2,10 @@
 
 mod cells;
 mod cloud;
+mod neighbours;
 mod rule;
 mod select;
+mod smooth;
 mod surfels;
 
 pub use cells::{Cells, MAX_EDGES};

@@ -1,26 +1,26 @@
 //! The one rule by which cells, occluders and segments follow the cloud's noise.
 
-use glam::DVec3;
+use glam::Vec3;
 use rayon::prelude::*;
 
-use super::Surfels;
+use super::neighbours::Neighbours;
 
 /// Surfels that the rule is measured on.
 const SAMPLE: usize = 20_000;
+/// Neighbours of each, among which those of similar normal are looked for.
+const NEIGHBOURS: usize = 24;
 /// Largest spacing of a cell, in medians of the spacing.
 const LARGEST_SPACING: f64 = 30.0;
-
-/// A neighbour seen from the point whose cell is made.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Neighbour {
-    /// Position relative to the point.
-    pub offset: DVec3,
-    pub normal: DVec3,
-}
+/// Offsets, in spacings: of clean surfaces, and at most.
+const OFFSETS: [f64; 2] = [0.02, 0.3];
+/// Between the two, for a roughness of 1.
+const OFFSET_OF_ROUGHNESS: f64 = 4.0;
 
 /// How far the surface can be trusted: the one rule by which cells, occluders and segments follow
 /// the cloud's noise.
 pub(super) struct SurfaceRule {
+    /// How far positions and normals disagree, as a slope.
+    pub roughness: f64,
     /// Height of a segment's ends above the surface, in spacings.
     pub offset: f64,
     /// Scale of a cell as an occluder.
@@ -35,18 +35,22 @@ pub(super) struct SurfaceRule {
 impl SurfaceRule {
     /// Clean surfaces keep their corners sharp and their seams tight; noisy ones get room, so
     /// that bumps of the noise cast no shadow.
-    pub fn measure(
-        surfels: &Surfels,
-        neighbours: impl Fn(usize, &mut Vec<Neighbour>) + Sync,
-    ) -> SurfaceRule {
-        let (noise, spacing) = noise_and_spacing(surfels, neighbours);
-        let offset = (4.0 * noise).clamp(0.02, 0.2);
+    pub fn measure(normals: &[Vec3], neighbours: &Neighbours) -> SurfaceRule {
+        let (roughness, spacing) = roughness_and_spacing(normals, neighbours);
+        let [least, most] = OFFSETS;
+        let offset = (OFFSET_OF_ROUGHNESS * roughness).clamp(least, most);
         SurfaceRule {
+            roughness,
             offset,
-            scale: 1.02 + 0.4 * (offset - 0.02),
-            crease: (0.75 - 5.0 * noise).clamp(0.5, 0.75),
+            scale: 1.02 + 0.4 * (offset - least),
+            crease: (0.75 - 5.0 * roughness).clamp(0.5, 0.75),
             largest_spacing: LARGEST_SPACING * spacing,
         }
+    }
+
+    /// Is the surface as smooth as can be told?
+    pub fn is_clean(&self) -> bool {
+        self.offset <= OFFSETS[0]
     }
 }
 
@@ -55,18 +59,15 @@ impl SurfaceRule {
 ///
 /// For neighbours on a circular arc (n_i + n_j) · (x_j - x_i) = 0 whatever the curvature, so that
 /// the slope |(n_i + n_j) · d| / 2|d| measures noise of positions and normals alone.
-fn noise_and_spacing(
-    surfels: &Surfels,
-    neighbours: impl Fn(usize, &mut Vec<Neighbour>) + Sync,
-) -> (f64, f64) {
-    let step = surfels.len().div_ceil(SAMPLE);
-    let (slopes, spacings): (Vec<f64>, Vec<f64>) = (0..surfels.len())
+fn roughness_and_spacing(normals: &[Vec3], neighbours: &Neighbours) -> (f64, f64) {
+    let step = normals.len().div_ceil(SAMPLE);
+    let (slopes, spacings): (Vec<f64>, Vec<f64>) = (0..normals.len())
         .into_par_iter()
         .step_by(step)
         .filter_map(|i| {
             let mut near = Vec::new();
-            neighbours(i, &mut near);
-            let normal = surfels.normals[i].as_dvec3();
+            neighbours.find(i, NEIGHBOURS, normals, &mut near);
+            let normal = normals[i].as_dvec3();
             let similar = near.iter().filter(|n| n.normal.dot(normal) > 0.7).take(6);
             let (slopes, lengths, count) =
                 similar.fold((0.0, 0.0, 0.0), |(slopes, lengths, count), n| {

@@ -1,14 +1,13 @@
 //! Surfels: points as small pieces of surface, as structure of arrays.
 
-use std::num::NonZero;
-
 use glam::{DVec3, Vec3};
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use super::cells::Cell;
-use super::rule::{Neighbour, SurfaceRule};
+use super::neighbours::Neighbours;
+use super::rule::SurfaceRule;
 use super::select::select;
+use super::smooth::smoothed;
 use super::{Cells, PointCloud};
 use crate::error::{Error, Result};
 use crate::memory;
@@ -26,7 +25,7 @@ pub struct Surfels {
     pub origin: DVec3,
     /// Centres, relative to `origin`.
     pub positions: Vec<Vec3>,
-    /// Unit normals.
+    /// Unit normals; smoothed, where those of the cloud scatter.
     pub normals: Vec<Vec3>,
     /// Areas in unit².
     pub areas: Vec<f32>,
@@ -81,8 +80,8 @@ impl Surfels {
         self.positions.is_empty()
     }
 
-    /// The surfels of a cloud: unusable points left out, points at one place merged, cells made,
-    /// areas taken from the cloud or else from the cells.
+    /// The surfels of a cloud: unusable points left out, points at one place merged, normals that
+    /// scatter smoothed, cells made, areas taken from the cloud or else from the cells.
     pub fn prepare(cloud: &PointCloud, progress: &dyn Progress) -> Result<Prepared> {
         if cloud.is_empty() {
             return Err(Error::Invalid("the cloud has no points".into()));
@@ -98,7 +97,7 @@ impl Surfels {
         check(cloud)?;
         let mut repairs = cloud.repairs.clone();
         let (mut surfels, surfel_of_point) = select(cloud, &mut repairs)?;
-        surfels.make_cells(progress)?;
+        surfels.make_cells(&mut repairs, progress)?;
         Ok(Prepared {
             surfels,
             surfel_of_point,
@@ -106,30 +105,20 @@ impl Surfels {
         })
     }
 
-    /// Cells, missing areas, offsets.
-    fn make_cells(&mut self, progress: &dyn Progress) -> Result<()> {
+    /// Cells, missing areas, offsets; normals that scatter are smoothed.
+    fn make_cells(&mut self, repairs: &mut Vec<String>, progress: &dyn Progress) -> Result<()> {
         let n = self.len();
         progress.stage("cells", n as u64);
-        let positions: Vec<[f32; 3]> = self.positions.iter().map(|p| p.to_array()).collect();
-        let tree = ImmutableKdTree::<f32, 3>::new_from_slice(&positions)
-            .map_err(|e| Error::Invalid(format!("neighbour search failed: {e:?}")))?;
-        let neighbours = |i: usize, out: &mut Vec<Neighbour>| {
-            out.clear();
-            let found = tree
-                .query(&positions[i])
-                .nearest_n::<SquaredEuclidean<f32>>(
-                    NonZero::<usize>::MIN.saturating_add(NEIGHBOURS),
-                )
-                .execute();
-            for item in found.iter().filter(|item| item.distance > 0.0) {
-                let j = item.item as usize;
-                out.push(Neighbour {
-                    offset: (self.positions[j] - self.positions[i]).as_dvec3(),
-                    normal: self.normals[j].as_dvec3(),
-                });
-            }
-        };
-        let rule = SurfaceRule::measure(self, neighbours);
+        let neighbours = Neighbours::new(&self.positions)?;
+        let mut rule = SurfaceRule::measure(&self.normals, &neighbours);
+        if let Some((normals, smoother)) = smoothed(&self.normals, &neighbours, &rule) {
+            repairs.push(format!(
+                "normals that scatter: smoothed, from {:.1} to {:.1} degrees off the positions",
+                rule.roughness.atan().to_degrees(),
+                smoother.roughness.atan().to_degrees()
+            ));
+            (self.normals, rule) = (normals, smoother);
+        }
         let mut cells: Vec<Cell> = Vec::with_capacity(n);
         while cells.len() < n {
             progress.check()?;
@@ -138,7 +127,7 @@ impl Surfels {
             cells.par_extend(block.into_par_iter().map_init(
                 || Vec::with_capacity(NEIGHBOURS),
                 |near, i| {
-                    neighbours(i, near);
+                    neighbours.find(i, NEIGHBOURS, &self.normals, near);
                     let size = f64::from(self.areas[i]).max(0.0).sqrt();
                     Cell::new(self.normals[i].as_dvec3(), near, &rule, size)
                 },

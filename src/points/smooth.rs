@@ -1,0 +1,48 @@
+//! Normals that scatter, averaged over their neighbours.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::neighbours::Neighbours;
+use super::rule::SurfaceRule;
+
+/// Neighbours that a normal is averaged with: enough to halve its noise, near enough to leave the
+/// curvature.
+const COUNT: usize = 8;
+/// Normals that differ by this many times the roughness still belong together. (Normals with noise
+/// differ by about three times the slope that is measured.)
+const GATE: f64 = 4.0;
+
+/// Normals that agree better with the positions than the given ones, and the rule for the surface
+/// with them; `None` where averages over neighbours do not: the surface is clean, or it really is as
+/// rough as its normals say.
+///
+/// Each normal is the mean of its neighbours', with weights exp(-|n_i - n_j|² / 2 s²) that keep creases
+/// (bilateral filter; T. R. Jones, F. Durand and M. Zwicker, "Normal improvement for point
+/// rendering", 2004), where s follows the roughness.
+pub(super) fn smoothed(
+    normals: &[Vec3],
+    neighbours: &Neighbours,
+    rule: &SurfaceRule,
+) -> Option<(Vec<Vec3>, SurfaceRule)> {
+    if rule.is_clean() {
+        return None;
+    }
+    let scale = 0.5 / (GATE * rule.roughness).powi(2);
+    let smooth: Vec<Vec3> = (0..normals.len())
+        .into_par_iter()
+        .map_init(
+            || Vec::with_capacity(COUNT + 1),
+            |near, i| {
+                neighbours.find(i, COUNT, normals, near);
+                let own = normals[i].as_dvec3();
+                let sum = near.iter().fold(own, |sum, n| {
+                    sum + n.normal * (-scale * own.distance_squared(n.normal)).exp()
+                });
+                sum.normalize_or(own).as_vec3()
+            },
+        )
+        .collect();
+    let smoother = SurfaceRule::measure(&smooth, neighbours);
+    (smoother.roughness < rule.roughness).then_some((smooth, smoother))
+}
