@@ -33,6 +33,7 @@ fn sphere(n: usize) -> Surfels {
             corners: vec![[Vec2::ZERO; MAX_EDGES]; n],
         },
         offsets: vec![0.0; n],
+        depths: vec![0.0; n],
         occluder_scale: 1.0,
         points: (0..n as u32).collect(),
         positions,

@@ -61,6 +61,7 @@ fn scenes() -> Vec<(&'static str, Surfels)> {
     furnished.positions.extend(&things.positions);
     furnished.normals.extend(&things.normals);
     furnished.cells.tangents.extend(&things.cells.tangents);
+    furnished.depths.extend(&things.depths);
     furnished.cells.corners.extend(&things.cells.corners);
     furnished.occluder_scale = 1.001;
     let mut lumps = clutter(2000, 0.05, 6);

@@ -194,7 +194,7 @@ impl Emitters {
             all: Surface::new(surfels),
             moments,
             // The expansion's error, opening^(p + 1), is a small part of the tolerance.
-            opening: (0.02 * tolerance).powf(1.0 / (ORDER + 1) as f64).min(0.3),
+            opening: (0.1 * tolerance).powf(1.0 / (ORDER + 1) as f64).min(0.3),
         }
     }
 
@@ -288,9 +288,12 @@ impl Emitters {
         for item in &r.items {
             let share = share(item);
             while next < before + share && drawn.len() < count {
+                let (e, part) = self.member(item, (next - before) / share);
+                let emitter = self.index[e];
+                let form_factor = self.all.form_factor(r.index, emitter as usize);
                 drawn.push(Drawn {
-                    emitter: self.index[self.member(item, (next - before) / share)],
-                    light: item.irradiance / share,
+                    emitter,
+                    light: self.emission[e] * (form_factor / (part * share)),
                 });
                 next = step * (drawn.len() as f64 + r.random.random::<f64>());
             }
@@ -299,11 +302,12 @@ impl Emitters {
         drawn
     }
 
-    /// The emitter at a part, from 0 to 1, of the power of an item.
-    fn member(&self, item: &Item, part: f64) -> usize {
-        let (begin, end) = (item.begin as usize, item.end as usize);
-        let [low, high] = [begin, end].map(|e| self.power_before[e]);
-        let upto = &self.power_before[begin + 1..end];
-        begin + upto.partition_point(|&p| p <= low + part * (high - low))
+    /// The emitter at a place, from 0 to 1, in the power of an item, and its part of that power.
+    fn member(&self, item: &Item, place: f64) -> (usize, f64) {
+        let power = &self.power_before[item.begin as usize..=item.end as usize];
+        let whole = power[power.len() - 1] - power[0];
+        let inner = &power[1..power.len() - 1];
+        let k = inner.partition_point(|p| p - power[0] <= place * whole);
+        (item.begin as usize + k, (power[k + 1] - power[k]) / whole)
     }
 }

@@ -33,6 +33,8 @@ pub(super) struct Cell {
     pub tangent: DVec3,
     pub corners: [Vec2; MAX_EDGES],
     pub area: f64,
+    /// How far below the tangent plane the surface lies at the corners.
+    pub depth: f64,
     /// Mean distance of the six nearest neighbours of similar normal.
     pub spacing: f64,
 }
@@ -46,6 +48,10 @@ const BORDER_GAP: f64 = 130.0 / 180.0 * PI;
 const BORDER_RANGE: f64 = 3.0;
 /// Neighbours that face away further than this belong to the other side of a thin wall.
 const OTHER_SIDE: f64 = -0.9;
+/// Square of the distance of its corners from the middle of a regular hexagon, in its area: 2 / 3√3.
+const HEXAGON: f64 = 0.384_900;
+/// Neighbours that tell how the surface bends.
+const BENT: usize = 8;
 /// A corner that cuts off no more than this part of the area is none.
 const SLIVER: f64 = 1e-4;
 
@@ -96,7 +102,9 @@ impl Cell {
             polygon.clip(direction, distance);
         }
         let area = polygon.area();
+        let bend = bend(normal, neighbours.iter().filter(similar));
         Cell {
+            depth: (HEXAGON * area * bend).max(0.0),
             tangent,
             corners: polygon.bounded(),
             area,
@@ -109,6 +117,15 @@ impl Cell {
 fn folds(n: &Neighbour, normal: DVec3, crease: f64, spacing: f64) -> bool {
     let cos = n.normal.dot(normal);
     cos <= crease && cos > OTHER_SIDE && n.offset.length() < 1.6 * spacing
+}
+
+/// Depth of the surface below its tangent plane over the square of the distance, from the nearest
+/// neighbours: half of the mean curvature, positive where the surface is convex.
+fn bend<'a>(normal: DVec3, similar: impl Iterator<Item = &'a Neighbour>) -> f64 {
+    let (depths, squares) = similar.take(BENT).fold((0.0, 0.0), |(d, s), n| {
+        (d - n.offset.dot(normal), s + n.offset.length_squared())
+    });
+    if squares > 0.0 { depths / squares } else { 0.0 }
 }
 
 /// Half-planes (unit direction, distance) that end the cell where the surface ends: in a wide

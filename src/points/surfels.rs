@@ -37,6 +37,10 @@ pub struct Surfels {
     pub cells: Cells,
     /// Distance above the surface at which segments start and end, a surfel (follows the noise).
     pub offsets: Vec<f32>,
+    /// How far below their surfel the cells block light. On a convex surface tangent planes stand out,
+    /// and a body of such cells would throw too large a shadow: the cells are sunk until their corners
+    /// lie on the surface.
+    pub depths: Vec<f32>,
     /// Scale of the cells as occluders (follows the noise; a little over 1 closes the seams).
     pub occluder_scale: f32,
     /// Index of each surfel's point in the cloud.
@@ -139,6 +143,7 @@ impl Surfels {
             .iter()
             .map(|c| (rule.offset * c.spacing) as f32)
             .collect();
+        self.depths = cells.iter().map(|c| c.depth as f32).collect();
         for (area, cell) in self.areas.iter_mut().zip(&cells) {
             if *area <= 0.0 {
                 *area = cell.area as f32;
@@ -184,6 +189,11 @@ impl Surfels {
         self.positions[i] + self.normals[i] * self.offsets[i]
     }
 
+    /// Middle of the surfel's cell as an occluder.
+    pub fn below(&self, i: usize) -> Vec3 {
+        self.positions[i] - self.normals[i] * self.depths[i]
+    }
+
     /// The same surfels in another order: entry k of the result is entry `order[k]`.
     pub fn reordered(&self, order: &[u32]) -> Surfels {
         fn pick<T: Copy + Send + Sync>(from: &[T], order: &[u32]) -> Vec<T> {
@@ -201,6 +211,7 @@ impl Surfels {
                 corners: pick(&self.cells.corners, order),
             },
             offsets: pick(&self.offsets, order),
+            depths: pick(&self.depths, order),
             occluder_scale: self.occluder_scale,
             points: pick(&self.points, order),
         }

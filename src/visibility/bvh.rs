@@ -134,7 +134,7 @@ impl Occluder {
         let corners = scaled_corners(surfels, i);
         let radius_squared = corners.iter().map(|c| c.length_squared());
         Occluder {
-            position: surfels.positions[i].to_array(),
+            position: surfels.below(i).to_array(),
             surfel: i as u32,
             normal: surfels.normals[i].to_array(),
             radius_squared: radius_squared.fold(0.0, f32::max),
@@ -167,7 +167,7 @@ impl Item {
         if twice_area <= 0.0 {
             return None;
         }
-        let position = surfels.positions[i];
+        let position = surfels.below(i);
         let tangent = surfels.cells.tangents[i];
         let bitangent = surfels.normals[i].cross(tangent);
         let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);

@@ -187,6 +187,7 @@ pub fn bare(points: impl IntoIterator<Item = (DVec3, DVec3)>, area: f64) -> Surf
         s.reflectance.push(Vec3::splat(0.5));
         s.emission.push(Vec3::ZERO);
         s.offsets.push(0.02 * half);
+        s.depths.push(0.0);
         s.cells.tangents.push(n.any_orthonormal_vector().as_vec3());
         s.cells.corners.push(std::array::from_fn(corner));
     }

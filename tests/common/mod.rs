@@ -78,6 +78,7 @@ pub fn polygons(places: &[(Vec3, Vec3)], edges: usize, radius: f32) -> Surfels {
             corners: vec![corners; n],
         },
         offsets: vec![0.1 * radius; n],
+        depths: vec![0.0; n],
         occluder_scale: 1.0,
         points: (0..n as u32).collect(),
         ..Surfels::default()
