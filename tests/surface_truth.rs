@@ -33,6 +33,7 @@ fn solve(name: &str, scene: &Scene, method: Method, max_bounces: Option<u32>) ->
         tolerance: Some(0.01),
         order: None,
         max_bounces,
+        rays: None,
         seed: 1,
     };
     let lit = illuminate(scene, &options, Backend::Cpu, &Silent).unwrap();
