@@ -4,8 +4,8 @@
 mod common;
 
 use common::{
-    clutter, crossings, differing, direction, gpu, in_box, polygons, random, room, segment,
-    some_segments, sphere,
+    clutter, crossings, differing, direction, furnished_room, gpu, in_box, polygons, random, room,
+    segment, some_segments, sphere,
 };
 use fmmgi_gpu::Surfels;
 use fmmgi_gpu::passes::gpu::GpuVisibility;
@@ -56,13 +56,7 @@ fn blocked_by_any(surfels: &Surfels, s: &Segment) -> bool {
 /// the axes, which their boxes fit exactly.
 fn scenes() -> Vec<(&'static str, Surfels)> {
     let mut rng = random(3);
-    let mut furnished = room(16);
-    let things = clutter(500, 0.1, 5);
-    furnished.positions.extend(&things.positions);
-    furnished.normals.extend(&things.normals);
-    furnished.cells.tangents.extend(&things.cells.tangents);
-    furnished.depths.extend(&things.depths);
-    furnished.cells.corners.extend(&things.cells.corners);
+    let mut furnished = furnished_room();
     furnished.occluder_scale = 1.001;
     let mut lumps = clutter(2000, 0.05, 6);
     for p in &mut lumps.positions {

@@ -116,6 +116,18 @@ pub fn room(k: usize) -> Surfels {
     polygons(&places, 4, side * std::f32::consts::FRAC_1_SQRT_2)
 }
 
+/// A room of tiles that only touch, with clutter in it.
+pub fn furnished_room() -> Surfels {
+    let mut all = room(16);
+    let things = clutter(500, 0.1, 5);
+    all.positions.extend(&things.positions);
+    all.normals.extend(&things.normals);
+    all.depths.extend(&things.depths);
+    all.cells.tangents.extend(&things.cells.tangents);
+    all.cells.corners.extend(&things.cells.corners);
+    all
+}
+
 /// The unit sphere in `n` overlapping hexagons (Fibonacci points).
 pub fn sphere(n: usize) -> Surfels {
     let golden = std::f32::consts::PI * (5f32.sqrt() - 1.0);
