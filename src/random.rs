@@ -11,7 +11,10 @@ pub(crate) enum Purpose {
     MeasureLinks,
     Sky,
     Emitters,
-    Checks,
+    /// Fields, rows and senders that an operator is checked with.
+    CheckFields,
+    CheckRows,
+    CheckEnergy,
     Rays,
 }
 

@@ -217,6 +217,8 @@ fn no_direct_light_behind_the_door() {
 #[ignore = "minutes"]
 fn rooms_by_exact_sums() {
     for name in ["cornell", "organic", "two_rooms"] {
-        room(name, &scene(name), Method::Direct);
+        let found = room(name, &scene(name), Method::Direct);
+        // Measured: 0.0020, 0.0113, 0.0038; biases of +0.0002, -0.0028, +0.0008.
+        assert!(found.rel_l2 < 0.013 && found.bias.abs() < 0.004);
     }
 }

@@ -18,10 +18,14 @@ use crate::random::{Purpose, stream};
 use crate::visibility::Visibility;
 
 /// How far an operator F is from what physics asks of it. 0 is perfect, if nothing else is said.
+///
+/// The sky is seen past the cells: with the classic method, whose links are seen past points, what
+/// both make of the same surface differs too.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Checks {
     /// 0 ≤ F: the least irradiance, relative to the mean, that any surfel gets from fields that are
-    /// nowhere negative: 1, two random ones, the solution. Negative only if F has negative entries.
+    /// nowhere negative: 1, two random ones, the solution (but for what the solver leaves). Below 0 F
+    /// has negative entries; above it is as good as any other.
     pub least: f64,
     /// A surfel sees either surfels or the sky: the sum of both parts, 1 if perfect, of some surfels.
     /// The sky is measured in tested directions. Backs of surfels are neither. `None` without
@@ -97,7 +101,7 @@ pub fn check<O: TransportOperator>(
     if n == 0 {
         return Ok(Checked::default());
     }
-    let mut random = stream(seed, Purpose::Checks, 0);
+    let mut random = stream(seed, Purpose::CheckFields, 0);
     // Red is 1, green and blue are random: one application does for all.
     let parts: [DVec3; PARTS] =
         std::array::from_fn(|_| DVec3::new(1.0, random.random(), random.random()));
@@ -117,14 +121,8 @@ pub fn check<O: TransportOperator>(
         true => None,
         false => {
             let chosen = chosen(ROWS);
-            let skies = visible_sky(
-                surfels,
-                &chosen,
-                ROW_STRATA,
-                seed,
-                Purpose::Checks,
-                visibility,
-            )?;
+            let random = |k: usize| stream(seed, Purpose::CheckRows, k as u64);
+            let skies = visible_sky(surfels, &chosen, ROW_STRATA, random, visibility)?;
             let sums = chosen.iter().zip(skies);
             Some(spread(sums.map(|(&i, sky)| rows[i as usize].x + sky)))
         }
@@ -226,14 +224,9 @@ fn balance(
     }
     let arrived: f64 = power(last.irradiance).iter().sum();
     let senders = in_proportion(&sent, total, SENDERS);
-    let skies = visible_sky(
-        surfels,
-        &senders,
-        SENDER_STRATA,
-        seed,
-        Purpose::Checks,
-        visibility,
-    )?;
+    // A surfel that is chosen many times looks in other directions each time.
+    let random = |k: usize| stream(seed, Purpose::CheckEnergy, k as u64);
+    let skies = visible_sky(surfels, &senders, SENDER_STRATA, random, visibility)?;
     let escaping = skies.iter().sum::<f64>() / skies.len() as f64;
     Ok(Some(arrived / total + escaping - 1.0))
 }

@@ -124,6 +124,7 @@ pub fn illuminate(
         .or(scene.tolerance)
         .unwrap_or(DEFAULT_TOLERANCE);
     check(scene, tolerance)?;
+    check_options(options, &backend)?;
     let mut clock = Clock::start();
     let prepared = Surfels::prepare(&scene.cloud, progress)?;
     let prepare = clock.lap();
@@ -136,8 +137,12 @@ pub fn illuminate(
     };
     let octree_seconds = clock.lap();
 
-    let method = choose(options, &backend, surfels.len())?;
-    let tester = tester(occluders.as_ref(), method, &backend)?;
+    let method = choose(options, &backend, surfels.len());
+    let device = match &backend {
+        Backend::Cpu => None,
+        Backend::Gpu { device, queue, .. } => Some(Gpu::new(device, queue)),
+    };
+    let tester = tester(occluders.as_ref(), method, device.as_ref())?;
     let visibility = Counted::new(tester.as_ref());
     let task = Task {
         scene,
@@ -151,10 +156,6 @@ pub fn illuminate(
         progress,
     };
     let mut repairs = prepared.repairs.clone();
-    let device = match &backend {
-        Backend::Cpu => None,
-        Backend::Gpu { device, queue, .. } => Some(Gpu::new(device, queue)),
-    };
     let solve = |links: &Links, work: &Work| match &device {
         None => work.solve(&Fmm::<f32>::new(&surfels, &octree, links), progress),
         Some(gpu) => work.solve(&GpuFmm::new(gpu, &surfels, &octree, links)?, progress),
@@ -196,7 +197,7 @@ pub fn illuminate(
             backend: name.into(),
             adapter,
             tolerance,
-            order: (method != Method::Direct).then_some(order),
+            order: matches!(method, Method::Fmm | Method::Classic).then_some(order),
             iterations: solved.ended.iterations,
             residual: solved.ended.residual,
             converged: solved.ended.converged,
@@ -257,29 +258,49 @@ fn expansions(
     Ok((order, leaf_size))
 }
 
-/// The method to use, if it can do what is asked for.
-fn choose(options: &Options, backend: &Backend, surfels: usize) -> Result<Method> {
-    match (options.method, backend) {
-        (Method::Gather, _) if options.occlusion == Occlusion::None => Err(Error::Usage(
+/// Refuses what the method cannot do, or would ignore.
+fn check_options(options: &Options, backend: &Backend) -> Result<()> {
+    let usage = |what: String| Err(Error::Usage(what));
+    let method = options.method;
+    if method == Method::Gather && options.occlusion == Occlusion::None {
+        return usage(
             "the gather method follows rays to the surface that they meet, which is in the way of \
              all behind it: without occlusion use another method"
                 .into(),
-        )),
-        (Method::Gather, _) if options.rays.is_some_and(|n| !RAYS.contains(&n)) => {
-            Err(Error::Usage(format!(
-                "a surfel casts from {} to {} rays",
-                RAYS.start(),
-                RAYS.end()
-            )))
-        }
-        (Method::Direct, Backend::Gpu { .. }) => Err(Error::Usage(
+        );
+    }
+    if options.rays.is_some() && method != Method::Gather {
+        return usage("rays belong to the gather method: use --method gather".into());
+    }
+    if options.rays.is_some_and(|n| !RAYS.contains(&n)) {
+        return usage(format!(
+            "a surfel casts from {} to {} rays",
+            RAYS.start(),
+            RAYS.end()
+        ));
+    }
+    if options.order.is_some() && matches!(method, Method::Gather | Method::Direct) {
+        return usage(
+            "an order belongs to expansions: the methods direct and gather have none".into(),
+        );
+    }
+    match (method, backend) {
+        (Method::Direct, Backend::Gpu { .. }) => usage(
             "the direct method is the reference in f64 and runs on the CPU only: use --backend \
              cpu, or --method fmm"
                 .into(),
-        )),
-        (Method::Auto, Backend::Cpu) if surfels <= DIRECT_UP_TO => Ok(Method::Direct),
-        (Method::Auto, _) => Ok(Method::Fmm),
-        (chosen, _) => Ok(chosen),
+        ),
+        _ => Ok(()),
+    }
+}
+
+/// The method that is taken. Who asks for an order wants expansions.
+fn choose(options: &Options, backend: &Backend, surfels: usize) -> Method {
+    let few = surfels <= DIRECT_UP_TO && options.order.is_none();
+    match (options.method, backend) {
+        (Method::Auto, Backend::Cpu) if few => Method::Direct,
+        (Method::Auto, _) => Method::Fmm,
+        (chosen, _) => chosen,
     }
 }
 
@@ -287,15 +308,13 @@ fn choose(options: &Options, backend: &Backend, surfels: usize) -> Result<Method
 fn tester<'a>(
     occluders: Option<&'a Occluders>,
     method: Method,
-    backend: &Backend,
+    device: Option<&Gpu>,
 ) -> Result<Box<dyn Visibility + 'a>> {
-    Ok(match (occluders, method, backend) {
+    Ok(match (occluders, method, device) {
         (None, ..) => Box::new(NothingInTheWay),
         (Some(occluders), Method::Direct, _) => Box::new(CpuVisibility::<f64>::new(occluders)),
-        (Some(occluders), _, Backend::Cpu) => Box::new(CpuVisibility::<f32>::new(occluders)),
-        (Some(occluders), _, Backend::Gpu { device, queue, .. }) => {
-            Box::new(GpuVisibility::new(&Gpu::new(device, queue), occluders)?)
-        }
+        (Some(occluders), _, None) => Box::new(CpuVisibility::<f32>::new(occluders)),
+        (Some(occluders), _, Some(gpu)) => Box::new(GpuVisibility::new(gpu, occluders)?),
     })
 }
 

@@ -117,8 +117,8 @@ struct Emitters {
     emission: Vec<DVec3>,
     /// All surfels: the receivers.
     all: Surface<f64>,
-    /// Their power, all colours together, before each and at the end.
-    power_before: Vec<f64>,
+    /// Power of each emitter, all colours together.
+    power: Vec<f64>,
     /// Index among all surfels.
     index: Vec<u32>,
     moments: Expansions<f64>,
@@ -129,11 +129,16 @@ struct Emitters {
 /// A cluster of emitters or a single one, as a receiver sees it.
 #[derive(Clone, Copy)]
 struct Item {
-    /// Emitters begin..end.
-    begin: u32,
-    end: u32,
+    source: Source,
     /// What it brings if nothing is in the way.
     irradiance: DVec3,
+}
+
+/// Facets and emitters by their numbers.
+#[derive(Clone, Copy)]
+enum Source {
+    Cluster(u32),
+    Emitter(usize),
 }
 
 /// A place on an emitter to which a segment goes.
@@ -181,14 +186,11 @@ impl Emitters {
         let emission: Vec<DVec3> = sorted.emission.iter().map(|e| e.as_dvec3()).collect();
         let mut moments = p2m(ORDER, &octree, &surface, &emission);
         m2m(&octree, &mut moments);
-        let mut power = 0.0;
-        let powers = emission.iter().zip(&sorted.areas).map(|(e, &area)| {
-            power += e.element_sum() * f64::from(area);
-            power
-        });
+        let power = emission.iter().zip(&sorted.areas);
+        let power = power.map(|(e, &area)| e.element_sum() * f64::from(area));
         Emitters {
             octree,
-            power_before: [0.0].into_iter().chain(powers).collect(),
+            power: power.collect(),
             index: sorted.points.iter().map(|p| place[p]).collect(),
             emission,
             all: Surface::new(surfels),
@@ -225,8 +227,7 @@ impl Emitters {
                 let source = self.moments.of(f as usize);
                 let light = workspace.m2p(source, facet.scale().into(), way, n);
                 items.push(Item {
-                    begin: facet.begin,
-                    end: facet.end,
+                    source: Source::Cluster(f),
                     irradiance: light.max(DVec3::ZERO),
                 });
             } else if facet.is_leaf() {
@@ -249,8 +250,7 @@ impl Emitters {
         let form_factor = self.all.form_factor(i, self.index[e] as usize);
         let irradiance = self.emission[e] * form_factor;
         (form_factor > 0.0).then_some(Item {
-            begin: e as u32,
-            end: e as u32 + 1,
+            source: Source::Emitter(e),
             irradiance,
         })
     }
@@ -258,11 +258,6 @@ impl Emitters {
     /// Draws emitters in proportion to their light, one from each of `count` equal parts of it; all of
     /// them once where there are no more than `count`.
     fn draw(&self, r: &mut Receiver, count: usize) -> Vec<Drawn> {
-        let members: usize = r
-            .items
-            .iter()
-            .map(|item| (item.end - item.begin) as usize)
-            .sum();
         if r.unoccluded == DVec3::ZERO {
             return Vec::new();
         }
@@ -270,13 +265,18 @@ impl Emitters {
         let whole = r.unoccluded.max(DVec3::splat(f64::MIN_POSITIVE));
         let share = |item: &Item| (item.irradiance / whole).element_sum();
         let total: f64 = r.items.iter().map(share).sum();
-        if members == r.items.len() && members <= count {
-            let all = r.items.iter().map(|item| Drawn {
-                emitter: self.index[item.begin as usize],
+        let single = |item: &Item| match item.source {
+            Source::Emitter(e) => Some(Drawn {
+                emitter: self.index[e],
                 light: item.irradiance,
-            });
+            }),
+            Source::Cluster(_) => None,
+        };
+        if r.items.len() <= count
+            && let Some(all) = r.items.iter().map(single).collect()
+        {
             return if r.tested == DVec3::ZERO {
-                all.collect()
+                all
             } else {
                 Vec::new()
             };
@@ -288,7 +288,9 @@ impl Emitters {
         for item in &r.items {
             let share = share(item);
             while next < before + share && drawn.len() < count {
-                let (e, part) = self.member(item, (next - before) / share);
+                let Some((e, part)) = self.member(item.source, (next - before) / share) else {
+                    break;
+                };
                 let emitter = self.index[e];
                 let form_factor = self.all.form_factor(r.index, emitter as usize);
                 drawn.push(Drawn {
@@ -302,12 +304,53 @@ impl Emitters {
         drawn
     }
 
-    /// The emitter at a place, from 0 to 1, in the power of an item, and its part of that power.
-    fn member(&self, item: &Item, place: f64) -> (usize, f64) {
-        let power = &self.power_before[item.begin as usize..=item.end as usize];
-        let whole = power[power.len() - 1] - power[0];
-        let inner = &power[1..power.len() - 1];
-        let k = inner.partition_point(|p| p - power[0] <= place * whole);
-        (item.begin as usize + k, (power[k + 1] - power[k]) / whole)
+    /// The emitter at a place, from 0 to 1, in the power of a source, and its part of that power.
+    fn member(&self, source: Source, mut place: f64) -> Option<(usize, f64)> {
+        let mut part = 1.0;
+        let mut at = match source {
+            Source::Emitter(e) => return Some((e, 1.0)),
+            Source::Cluster(f) => f,
+        };
+        let facets = &self.octree.facets;
+        // Sums of single facets: a dim one keeps its own beside others, however bright.
+        let power_of = |f: u32| self.moments.of(f as usize)[0].element_sum();
+        while !facets[at as usize].is_leaf() {
+            let children = facets[at as usize].children();
+            let picked = pick(children.map(|f| (f, power_of(f))), place)?;
+            (at, place) = (picked.item, picked.place);
+            part *= picked.part;
+        }
+        let emitters = facets[at as usize].surfels();
+        let picked = pick(emitters.map(|e| (e, self.power[e])), place)?;
+        Some((picked.item, part * picked.part))
     }
+}
+
+/// One of some weighted items.
+struct Picked<T> {
+    item: T,
+    /// Place in the item, from 0 to 1.
+    place: f64,
+    /// Its part of all weights.
+    part: f64,
+}
+
+/// The item at a place, from 0 to 1, in the sum of the weights, if there is any weight.
+fn pick<T>(weighted: impl Iterator<Item = (T, f64)> + Clone, place: f64) -> Option<Picked<T>> {
+    let total: f64 = weighted.clone().map(|(_, weight)| weight).sum();
+    let mut before = 0.0;
+    let mut picked = None;
+    for (item, weight) in weighted.filter(|&(_, weight)| weight > 0.0) {
+        let inside = (place * total - before) / weight;
+        picked = Some(Picked {
+            item,
+            place: inside.clamp(0.0, 1.0),
+            part: weight / total,
+        });
+        if inside < 1.0 {
+            break;
+        }
+        before += weight;
+    }
+    picked
 }

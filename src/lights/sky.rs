@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
 use super::BATCH;
@@ -30,7 +31,8 @@ pub fn sky(
     progress.stage("sky", surfels.len() as u64);
     for some in all.chunks(batch) {
         progress.check()?;
-        let shares = visible_sky(surfels, some, strata, seed, Purpose::Sky, visibility)?;
+        let random = |k: usize| stream(seed, Purpose::Sky, some[k].into());
+        let shares = visible_sky(surfels, some, strata, random, visibility)?;
         irradiance.extend(shares.into_iter().map(|share| sky.as_dvec3() * share));
         progress.advance(some.len() as u64);
     }
@@ -38,21 +40,21 @@ pub fn sky(
 }
 
 /// The share of `strata`² cosine-weighted, stratified directions that leave the cloud, from each of
-/// these surfels.
+/// these surfels, by the random numbers of `random(k)` from the k-th.
 pub(crate) fn visible_sky(
     surfels: &Surfels,
     some: &[u32],
     strata: usize,
-    seed: u64,
-    purpose: Purpose,
+    random: impl Fn(usize) -> Pcg64Mcg + Sync,
     visibility: &dyn Visibility,
 ) -> Result<Vec<f64>> {
     let directions = strata * strata;
     let reach = surfels.reach();
     let segments: Vec<Segment> = some
         .par_iter()
-        .flat_map_iter(|&i| {
-            let mut random = stream(seed, purpose, i.into());
+        .enumerate()
+        .flat_map_iter(|(k, &i)| {
+            let mut random = random(k);
             let i = i as usize;
             (0..directions).map(move |k| {
                 let u = (k / strata) as f32 + random.random::<f32>();

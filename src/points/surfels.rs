@@ -178,10 +178,18 @@ impl Surfels {
         }
     }
 
-    /// Length at which a ray from any surfel has left the cloud.
+    /// Length at which a ray from any surfel has left the cloud and all cells.
     pub fn reach(&self) -> f32 {
-        let farthest = |r: f32, p: &Vec3| r.max(p.length());
-        2.0 * self.positions.iter().fold(0.0, farthest)
+        let corner = |i: usize| {
+            let corners = self.cells.corners[i].iter().map(|c| c.length());
+            corners.fold(0.0, f32::max)
+        };
+        let farthest = |i: usize| {
+            let cell = self.occluder_scale * corner(i) + self.depths[i];
+            self.positions[i].length() + cell.max(self.offsets[i])
+        };
+        let all = (0..self.len()).into_par_iter().map(farthest);
+        2.0 * all.reduce(|| 0.0, f32::max)
     }
 
     /// Where segments that end at a surfel end: its position, lifted along the normal.
