@@ -155,12 +155,13 @@ fn a_walk_that_was_given_up_is_done_on_the_cpu() {
     assert_eq!(device.visible(&[pairs[1000]]).unwrap(), [true]);
 }
 
-/// Where no occluder is, the last entry of the table has no say.
+/// Where no occluder is, the last entry of the table has no say, though rounding puts Δ before it at
+/// the latter two radii.
 #[test]
 fn without_occluders_everything_is_visible() {
     let places = [(Vec3::ZERO, Vec3::X), (Vec3::X, -Vec3::X)];
     let surfels = polygons(&places, 4, 0.1);
-    for radius in [0.7, 1.25, 1.3, 1.9] {
+    for radius in [1.25, 2.11, 2.35] {
         let test = PointTest {
             radius,
             lookup: [0.5; LOOKUP],
