@@ -120,23 +120,21 @@ impl Answers {
         self.pipeline
             .dispatch(gpu, &mut encoder, &resources, segments.len() as u32);
         encoder.copy_buffer_to_buffer(&batch.answers, 0, &batch.staging, 0, answer_bytes);
-        let (written, unknown) = gpu.run_and_read(
+        let unanswered: Vec<(usize, u32)> = gpu.run_and_read(
             self.what,
             encoder,
             &batch.staging,
             segments.len(),
             |answers: &[u32]| {
                 visible.extend(answers.iter().map(|&answer| answer == VISIBLE));
-                let written = |a: &&u32| [BLOCKED, VISIBLE, UNKNOWN].contains(a);
-                let unknown = |&k: &usize| answers[k] == UNKNOWN;
-                (
-                    answers.iter().filter(written).count(),
-                    (0..answers.len()).filter(unknown).collect(),
-                )
+                let answers = answers.iter().copied().enumerate();
+                answers
+                    .filter(|(_, answer)| ![BLOCKED, VISIBLE].contains(answer))
+                    .collect()
             },
         )?;
-        match segments.len() - written {
-            0 => Ok(unknown),
+        match unanswered.iter().filter(|&&(_, a)| a != UNKNOWN).count() {
+            0 => Ok(unanswered.into_iter().map(|(k, _)| k).collect()),
             n => Err(Error::Device(format!(
                 "{}: {n} of {} segments got no answer; \
                  the driver may have given up on a dispatch",
