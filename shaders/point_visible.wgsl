@@ -1,15 +1,8 @@
 // Points between two points: the twin of src/visibility/point_visible.rs, in the same order of
 // operations, so that both round alike where a driver leaves products and sums apart.
-// Tables: nodes (2 texels each), points (2 texels each).
+// Tables: nodes, points (2 texels each).
 
-// What the texels of the tables hold.
-struct Node {
-    min: vec3<f32>,
-    skip: u32,
-    max: vec3<f32>,
-    leaf: u32,
-}
-
+// What the texels of the table hold.
 struct Point {
     position: vec3<f32>,
     surfel: u32,
@@ -18,13 +11,6 @@ struct Point {
 }
 
 const LOOKUP = 6u;
-
-struct Segment {
-    start: vec3<f32>,
-    skip_from: u32,
-    end: vec3<f32>,
-    skip_to: u32,
-}
 
 struct Test {
     threshold: f32,
@@ -36,21 +22,12 @@ struct Test {
     lookup: array<vec4<f32>, 2>,
 }
 
-const NODE_TEXELS = 2u;
 const POINT_TEXELS = 2u;
-const COUNT_BITS = 3u;
 const MAX_CLOSEST = 16u;
-const SMALLEST = 1e-20;
-const ROUNDING = 1.0 + 4.0 * 1.1920929e-7;
+// Square of a distance from which on nothing is in the way.
+const FAR = 1e30;
 
-// Answers; 0 is what an output holds that no invocation has written.
-const UNKNOWN = 0u;
-const BLOCKED = 1u;
-const VISIBLE = 2u;
-
-@group(0) @binding(2) var<uniform> test: Test;
-@group(0) @binding(3) var<storage, read> segments: array<Segment>;
-@group(0) @binding(4) var<storage, read_write> answers: array<u32>;
+@group(0) @binding(4) var<uniform> test: Test;
 
 struct Occluder {
     distance: f32,
@@ -71,21 +48,6 @@ var<private> found: array<Occluder, MAX_CLOSEST>;
 // `dot` may add in another order.
 fn inner(a: vec3<f32>, b: vec3<f32>) -> f32 {
     return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-
-fn inverse_of(v: vec3<f32>) -> vec3<f32> {
-    let smallest = select(vec3(SMALLEST), vec3(-SMALLEST), v < vec3(0.0));
-    return 1.0 / select(smallest, v, abs(v) >= vec3(SMALLEST));
-}
-
-fn meets_box(low: vec3<f32>, high: vec3<f32>, start: vec3<f32>, inverse: vec3<f32>) -> bool {
-    let a = (low - start) * inverse;
-    let b = (high - start) * inverse;
-    let enter = min(a, b);
-    let leave = max(a, b);
-    let near = max(max(0.0, enter.x), max(enter.y, enter.z));
-    let far = min(min(1.0, leave.x), min(leave.y, leave.z));
-    return near <= far * ROUNDING;
 }
 
 // Square of the distance from a point, in its plane, to where the segment crosses it, in spacings;
@@ -130,7 +92,6 @@ fn look_up(distance: f32) -> f32 {
     return 1.0;
 }
 
-// A driver may leave loops early (see turns.rs): then there is no answer.
 fn answer(segment: Segment) -> u32 {
     let way = segment.end - segment.start;
     let ends = Ends(segment.start, segment.end, way, inner(way, way));
@@ -185,7 +146,7 @@ fn answer(segment: Segment) -> u32 {
         }
     }
     // Those that are crossed closest to their middle decide.
-    var nearest = vec3(test.limit);
+    var nearest = vec3(FAR);
     var k = 0u;
     for (; k < count; k++) {
         let crossing = found[k].crossing;
@@ -203,17 +164,4 @@ fn answer(segment: Segment) -> u32 {
     let root = sqrt(nearest);
     let visibility = look_up(root.x) * look_up(root.y) * look_up(root.z);
     return select(BLOCKED, VISIBLE, visibility > test.threshold);
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn main(
-    @builtin(local_invocation_index) local: u32,
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
-) {
-    let i = invocation(local, group, groups);
-    if i >= arrayLength(&segments) {
-        return;
-    }
-    answers[i] = answer(segments[i]);
 }

@@ -1,22 +1,8 @@
 // Segments against the cells: the twin of src/visibility/segment.rs, which tests cells alike, operation
 // by operation, but four boxes at once.
-// Tables: nodes (2 texels each), occluders (7 texels each).
+// Tables: nodes, occluders (7 texels each).
 
-struct Segment {
-    start: vec3<f32>,
-    skip_from: u32,
-    end: vec3<f32>,
-    skip_to: u32,
-}
-
-// What the texels of the tables hold; they are loaded one by one, as late as possible.
-struct Node {
-    min: vec3<f32>,
-    skip: u32,
-    max: vec3<f32>,
-    leaf: u32,
-}
-
+// What the texels of the table hold.
 struct Occluder {
     position: vec3<f32>,
     surfel: u32,
@@ -27,34 +13,7 @@ struct Occluder {
     corners: array<vec4<f32>, 4>,
 }
 
-const NODE_TEXELS = 2u;
 const OCCLUDER_TEXELS = 7u;
-const COUNT_BITS = 3u;
-const SMALLEST = 1e-20;
-const ROUNDING = 1.0 + 4.0 * 1.1920929e-7;
-
-// Answers; 0 is what an output holds that no invocation has written.
-const UNKNOWN = 0u;
-const BLOCKED = 1u;
-const VISIBLE = 2u;
-
-@group(0) @binding(2) var<storage, read> segments: array<Segment>;
-@group(0) @binding(3) var<storage, read_write> answers: array<u32>;
-
-fn inverse_of(v: vec3<f32>) -> vec3<f32> {
-    let smallest = select(vec3(SMALLEST), vec3(-SMALLEST), v < vec3(0.0));
-    return 1.0 / select(smallest, v, abs(v) >= vec3(SMALLEST));
-}
-
-fn meets_box(low: vec3<f32>, high: vec3<f32>, start: vec3<f32>, inverse: vec3<f32>) -> bool {
-    let a = (low - start) * inverse;
-    let b = (high - start) * inverse;
-    let enter = min(a, b);
-    let leave = max(a, b);
-    let near = max(max(0.0, enter.x), max(enter.y, enter.z));
-    let far = min(min(1.0, leave.x), min(leave.y, leave.z));
-    return near <= far * ROUNDING;
-}
 
 // True where (x, y) lies to the left of the edge from c to d, or on it.
 fn left_of(c: vec2<f32>, d: vec2<f32>, x: f32, y: f32) -> bool {
@@ -93,8 +52,6 @@ fn meets_cell(at: u32, segment: Segment) -> bool {
 // Walks to the next leaf that is met, then tests its cells: invocations that run in step wait for
 // each other twice a leaf. (With the cells tested inside the walk, all waited at every step: 2.5
 // times slower on eight lanes.)
-//
-// A driver may leave loops early (see turns.rs): then there is no answer.
 fn answer(segment: Segment) -> u32 {
     let inverse = inverse_of(segment.end - segment.start);
     let end = nodes(0u).w;
@@ -121,17 +78,4 @@ fn answer(segment: Segment) -> u32 {
         }
     }
     return select(UNKNOWN, VISIBLE, i >= end);
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn main(
-    @builtin(local_invocation_index) local: u32,
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
-) {
-    let i = invocation(local, group, groups);
-    if i >= arrayLength(&segments) {
-        return;
-    }
-    answers[i] = answer(segments[i]);
 }

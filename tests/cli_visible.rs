@@ -103,6 +103,7 @@ fn the_shadow_of_a_screen_is_not_painted() {
         let seen = points.iter().filter(|p| p.visible).count();
         for words in [
             "from        [0.2",
+            " from the place given\n",
             &format!("points      {seen} of {} (", points.len()),
             "cells       ",
             "written     a.png",

@@ -36,7 +36,8 @@ fn a_table_of_several_rows_is_read_in_order() {
     // 60,000 cells of 7 texels: 51 rows and a part.
     let surfels = clutter(60_000, 0.01, 12);
     let segments = some_segments(&surfels, 3000);
-    let device = GpuVisibility::new(gpu(), &Occluders::build(&surfels)).unwrap();
+    let occluders = Occluders::build(&surfels);
+    let device = GpuVisibility::new(gpu(), &occluders).unwrap();
     let answers = device.visible(&segments).unwrap();
     assert!(differing(&answers, &on_cpu(&surfels, &segments)) <= 3);
 }
@@ -51,7 +52,8 @@ fn a_dispatch_of_several_rows_of_workgroups_is_complete() {
         wgpu::Features::empty(),
     );
     let surfels = clutter(2000, 0.1, 4);
-    let device = GpuVisibility::new(&gpu, &Occluders::build(&surfels)).unwrap();
+    let occluders = Occluders::build(&surfels);
+    let device = GpuVisibility::new(&gpu, &occluders).unwrap();
     // 32 workgroups: 5 rows of 7.
     let segments = some_segments(&surfels, 2000);
     let answers = device.visible(&segments).unwrap();
@@ -59,9 +61,9 @@ fn a_dispatch_of_several_rows_of_workgroups_is_complete() {
 }
 
 /// A segment through the boxes of so many cells, but through none of them, that some drivers leave
-/// the loop before its end: no answer is better than a wrong one.
+/// the loop before its end: the CPU answers instead.
 #[test]
-fn a_walk_that_was_given_up_is_an_error() {
+fn a_walk_that_was_given_up_is_done_on_the_cpu() {
     let places: Vec<_> = (0..100_000)
         .map(|k| (Vec3::new(1e-3 * k as f32, 0.0, 0.0), Vec3::X))
         .collect();
@@ -71,16 +73,17 @@ fn a_walk_that_was_given_up_is_an_error() {
         let last = corners[2];
         corners[3..].fill(last);
     }
-    let device = GpuVisibility::new(gpu(), &Occluders::build(&surfels)).unwrap();
+    let occluders = Occluders::build(&surfels);
+    let device = GpuVisibility::new(gpu(), &occluders).unwrap();
     let ray = |y: f32, z: f32| segment(Vec3::new(-1.0, y, z), Vec3::new(101.0, y, z));
     let rays = [-0.5f32, 0.5].map(|y| [-0.5f32, 0.5].map(|z| ray(y, z)));
     for ray in rays.concat() {
-        let expected = on_cpu(&surfels, &[ray]);
-        match device.visible(&[ray]) {
-            Ok(answer) => assert_eq!(answer, expected),
-            Err(error) => assert!(matches!(error, Error::Device(_)), "{error}"),
-        }
+        assert_eq!(device.visible(&[ray]).unwrap(), on_cpu(&surfels, &[ray]));
     }
+    let mut segments = some_segments(&surfels, 3000);
+    segments.splice(1000..1000, rays.concat());
+    let answers = device.visible(&segments).unwrap();
+    assert!(differing(&answers, &on_cpu(&surfels, &segments)) <= 3);
 }
 
 #[test]
@@ -101,7 +104,8 @@ fn a_table_that_is_too_large_is_an_error() {
 fn a_lost_device_is_an_error() {
     let open = adapter::open(&adapter::AdapterChoice::Any).unwrap();
     let gpu = Gpu::new(&open.device, &open.queue);
-    let device = GpuVisibility::new(&gpu, &Occluders::build(&sphere(10))).unwrap();
+    let occluders = Occluders::build(&sphere(10));
+    let device = GpuVisibility::new(&gpu, &occluders).unwrap();
     open.device.destroy();
     let answer = device.visible(&[segment(Vec3::X, Vec3::Y)]);
     assert!(matches!(answer, Err(Error::Device(_))), "{answer:?}");

@@ -5,16 +5,16 @@ mod clouds;
 mod common;
 
 use clouds::{quad, random};
-use common::{differing, gpu};
+use common::{differing, gpu, polygons};
 use fmmgi_gpu::passes::gpu::GpuPointVisibility;
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::visibility::{
-    BySegment, CpuPointVisibility, CpuVisibility, MAX_CLOSEST, Occluders, PointTest,
+    BySegment, CpuPointVisibility, CpuVisibility, LOOKUP, MAX_CLOSEST, Occluders, PointTest,
     PointVisibility, face,
 };
 use fmmgi_gpu::{PointCloud, Scene, Surfels};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rand::RngExt;
 
 const SCENES: [&str; 3] = ["cornell", "two_rooms", "organic"];
@@ -133,6 +133,44 @@ fn cpu_and_gpu_agree() {
     println!("of {pairs_in_all} pairs {differ} differ");
     assert!(pairs_in_all >= 200_000);
     assert!(differ * 100_000 <= pairs_in_all, "{differ}");
+}
+
+/// A pair along a row of so many points, past all of them, that some drivers leave the loop before
+/// its end: the CPU answers instead, and the other pairs of the batch are not lost.
+#[test]
+fn a_walk_that_was_given_up_is_done_on_the_cpu() {
+    // Of spacing √2: between the discs of radius Δ and the corners of their boxes.
+    let aside = |x: f32| Vec3::new(x, 1.6, 1.6);
+    let row = (0..100_000).map(|k| (Vec3::new(1e-3 * k as f32, 0.0, 0.0), Vec3::X));
+    let ends = [(aside(-1.0), Vec3::X), (aside(101.0), -Vec3::X)];
+    let surfels = polygons(&row.chain(ends).collect::<Vec<_>>(), 4, 1.0);
+    let n = surfels.len() as u32;
+    let mut pairs: Vec<[u32; 2]> = (0..3000).map(|k| [30 * k, n - 1]).collect();
+    pairs.insert(1000, [n - 2, n - 1]);
+    let test = PointTest::default();
+    let expected = on_cpu(&surfels, test, &pairs);
+    assert!(expected[1000]);
+    let device = GpuPointVisibility::new(gpu(), &surfels, test).unwrap();
+    assert_eq!(device.visible(&pairs).unwrap(), expected);
+    assert_eq!(device.visible(&[pairs[1000]]).unwrap(), [true]);
+}
+
+/// Where no occluder is, the last entry of the table has no say, though rounding puts Δ before it at
+/// the latter two radii.
+#[test]
+fn without_occluders_everything_is_visible() {
+    let places = [(Vec3::ZERO, Vec3::X), (Vec3::X, -Vec3::X)];
+    let surfels = polygons(&places, 4, 0.1);
+    for radius in [1.25, 2.11, 2.35] {
+        let test = PointTest {
+            radius,
+            lookup: [0.5; LOOKUP],
+            ..PointTest::default()
+        };
+        assert_eq!(on_cpu(&surfels, test, &[[0, 1]]), [true], "{radius}");
+        let device = GpuPointVisibility::new(gpu(), &surfels, test).unwrap();
+        assert_eq!(device.visible(&[[0, 1]]).unwrap(), [true], "{radius}");
+    }
 }
 
 #[test]

@@ -5,10 +5,10 @@ use std::mem::offset_of;
 use fmmgi_gpu::expansion::{NEAR_SPACINGS, coefficients};
 use fmmgi_gpu::passes::gpu::wgsl::EXPANSION_STAGES;
 use fmmgi_gpu::passes::gpu::{
-    Cell, Facet, Link, MAX_ORDER, MixedItem, MixedPart, PointItem, PointSpan, SHADERS, Shader,
-    Surfel, Test,
+    Cell, Facet, Link, MAX_ORDER, MixedItem, MixedPart, PointItem, PointSpan, PointTestUniform,
+    SHADERS, Shader, Surfel,
 };
-use fmmgi_gpu::visibility::{LOOKUP, MAX_CLOSEST, Node, Occluder, Point, Segment};
+use fmmgi_gpu::visibility::{LOOKUP, MAX_CLOSEST, Node, Occluder, PointOccluder, Segment};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Expression, Literal, Module, TypeInner};
 
@@ -130,14 +130,14 @@ fn point_visibility_reads_what_rust_writes() {
     same_layout!(&module, Node, "Node", [
         min => "min", skip => "skip", max => "max", leaf => "leaf",
     ]);
-    same_layout!(&module, Point, "Point", [
+    same_layout!(&module, PointOccluder, "Point", [
         position => "position", surfel => "surfel",
         normal => "normal", inverse_area => "inverse_area",
     ]);
     same_layout!(&module, Segment, "Segment", [
         from => "start", skip_from => "skip_from", to => "end", skip_to => "skip_to",
     ]);
-    same_layout!(&module, Test, "Test", [
+    same_layout!(&module, PointTestUniform, "Test", [
         threshold => "threshold", closest => "closest", limit => "limit", steps => "steps",
         lookup => "lookup",
     ]);
@@ -147,7 +147,7 @@ fn point_visibility_reads_what_rust_writes() {
     );
     assert_eq!(
         constant(&module, "POINT_TEXELS") as usize,
-        size_of::<Point>() / 16
+        size_of::<PointOccluder>() / 16
     );
     assert_eq!(constant(&module, "COUNT_BITS"), Node::COUNT_BITS);
     assert_eq!(constant(&module, "LOOKUP") as usize, LOOKUP);

@@ -5,7 +5,7 @@ use fmmgi_gpu::Result;
 use super::Done;
 use fmmgi_gpu::passes::gpu::adapter;
 
-/// List the GPU adapters, real and software, that "solve --adapter" can use.
+/// List the GPU adapters, real and software, that "--adapter" of "solve" and "visible" can name.
 #[derive(clap::Args)]
 pub struct Args {}
 

@@ -112,9 +112,9 @@ pub fn run(args: &Args) -> Result<Done> {
 
     let places = prepared.places(&surfels);
     let paints = paints(&octree, &surfels, from, &seen);
-    let of_points = |i: usize| places[i].map(|k| k as usize);
+    let surfel_of = |i: usize| places[i].map(|k| k as usize);
     let paint: Vec<Vec3> = (0..scene.cloud.len())
-        .map(|i| of_points(i).map_or(scene.cloud.reflectance[i] * DARKENED, |k| paints[k]))
+        .map(|i| surfel_of(i).map_or(scene.cloud.reflectance[i] * DARKENED, |k| paints[k]))
         .collect();
     let png = match args.image {
         None => None,
@@ -125,7 +125,7 @@ pub fn run(args: &Args) -> Result<Done> {
             };
             let map = IlluminationMap {
                 radius: (0..scene.cloud.len())
-                    .map(|i| of_points(i).map_or(0.0, radius))
+                    .map(|i| surfel_of(i).map_or(0.0, radius))
                     .collect(),
                 radiosity: paint.clone(),
                 ..IlluminationMap::default()
@@ -141,7 +141,7 @@ pub fn run(args: &Args) -> Result<Done> {
     if let Some(path) = &args.output {
         let colours: Vec<[u8; 3]> = paint.iter().map(|&p| tone_map(p, EXPOSURE)).collect();
         let visible: Vec<bool> = (0..scene.cloud.len())
-            .map(|i| of_points(i).is_some_and(|k| seen.surfels[k]))
+            .map(|i| surfel_of(i).is_some_and(|k| seen.surfels[k]))
             .collect();
         write_painted(path, &scene.cloud, &colours, "scalar_visible", &visible)?;
     }
@@ -153,7 +153,10 @@ pub fn run(args: &Args) -> Result<Done> {
         // Rounded here, and without the sign of a zero.
         let normal = (surfels.normals[from as usize] * 1e3).round() / 1e3 + Vec3::ZERO;
         let mut lines = vec![
-            format!("from        {place:.6}, normal {normal}"),
+            format!(
+                "from        {place:.6}, normal {normal}, {:.6} from the place given",
+                place.distance(args.from)
+            ),
             format!("backend     {}", chosen.describe()),
             format!("points      {} visible", share(seen.surfels.iter())),
             format!(
@@ -161,6 +164,12 @@ pub fn run(args: &Args) -> Result<Done> {
                 share(seen.leaves.iter().map(|(_, seen)| seen))
             ),
         ];
+        lines.extend(
+            prepared
+                .repairs
+                .iter()
+                .map(|what| format!("repaired    {what}")),
+        );
         lines.extend(
             files
                 .iter()

@@ -20,7 +20,7 @@ pub use bvh::{Node, Occluder, Occluders};
 pub use counted::Counted;
 pub use pairs::{BySegment, PointVisibility, face, of_facing};
 pub use point_visible::{
-    CpuPointVisibility, LOOKUP, MAX_CLOSEST, Point, PointTest, Points, segment_of,
+    CpuPointVisibility, LOOKUP, MAX_CLOSEST, PointOccluder, PointTest, PointTree, segment_of,
 };
 pub use seen::Seen;
 pub use segment::{Hit, RIM, blocked, first_hit, meeting};

@@ -2,11 +2,13 @@
 //! report. `shaders/point_visible.wgsl` does the same in the same order.
 //!
 //! Possible occluders are the points in a cylinder around the segment whose tangent planes it
-//! crosses; of these the k closest to the segment count. Each is a piece of its plane, opaque in
-//! the middle and clear from the distance Δ on; the three that are crossed closest to their middle
-//! decide. (The report takes the k closest first and then asks for the planes. But a segment that
-//! leaves a wall at a flat angle has more points of this wall beside it than any small k, and they
-//! would crowd out the occluders.)
+//! crosses. Each is a piece of its plane, opaque in the middle and clear from the distance Δ on.
+//! One that alone brings the visibility down to the threshold blocks, whatever its rank: so the
+//! search may end with the first that is met, in any order. Else, of the k closest to the segment,
+//! the product of the three that are crossed closest to their middle decides. (The report takes the
+//! k closest first and then asks for the planes. But a segment that leaves a wall at a flat angle
+//! has more points of this wall beside it than any small k, and they would crowd out the
+//! occluders.)
 //!
 //! Segments start and end a little above the surfels, as everywhere ([`Surfels::segment`]), so that
 //! the noise of normals casts no shadow. And a point stands for the surface only where it is nearer
@@ -34,8 +36,10 @@ use super::{Node, PointVisibility, Segment};
 
 /// Entries of the look-up table.
 pub const LOOKUP: usize = 6;
-/// Most occluders of a pair that count.
+/// Most occluders of a pair that products are made of.
 pub const MAX_CLOSEST: usize = 16;
+/// Square of a distance, in spacings, from which on nothing is in the way, however it is rounded.
+const FAR: f32 = 1e30;
 
 /// The parameters of the test.
 ///
@@ -46,13 +50,15 @@ pub const MAX_CLOSEST: usize = 16;
 /// holes and swells shadows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointTest {
-    /// How many possible occluders closest to the segment count: k, up to [`MAX_CLOSEST`].
+    /// How many possible occluders, those closest to the segment, may make up the product: k, up to
+    /// [`MAX_CLOSEST`]. One that is enough alone blocks even if it is none of them.
     pub closest: u32,
     /// Radius of the cylinder around the segment, in spacings (square roots of the area) of the
     /// point that lies in it or not: Δ.
     pub radius: f32,
     /// Visibility past an occluder, by the distance in its plane from it to the segment: entries at
-    /// equal steps from 0 to Δ, linear between them, 1 from Δ on.
+    /// equal steps from 0 to Δ, linear between them. From Δ on, and where there is no occluder, it
+    /// is 1, whatever the last entry.
     pub lookup: [f32; LOOKUP],
     /// The product of the three visibilities must exceed this: t1. Below 0 everything does.
     pub threshold: f32,
@@ -73,7 +79,7 @@ impl Default for PointTest {
 /// A point as an occluder; two texels.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct Point {
+pub struct PointOccluder {
     pub position: [f32; 3],
     pub surfel: u32,
     pub normal: [f32; 3],
@@ -83,19 +89,19 @@ pub struct Point {
 
 /// The points of a cloud under a hierarchy that finds those around a segment.
 #[derive(Clone, Debug)]
-pub struct Points {
+pub struct PointTree {
     /// Over the discs of radius Δ around the points.
     /// Devices walk them.
     pub nodes: Vec<Node>,
     /// The same hierarchy for the CPU.
     pub wide: Vec<WideNode>,
     /// In the order of the leaves.
-    pub points: Vec<Point>,
+    pub points: Vec<PointOccluder>,
 }
 
-impl Points {
+impl PointTree {
     /// Points without an area are in nobody's way.
-    pub fn build(surfels: &Surfels, radius: f32) -> Points {
+    pub fn build(surfels: &Surfels, radius: f32) -> PointTree {
         let discs = (0..surfels.len()).into_par_iter().map(|i| {
             let centre = Vec3A::from(surfels.positions[i]);
             let normal = Vec3A::from(surfels.normals[i]);
@@ -110,14 +116,14 @@ impl Points {
         let (nodes, discs) = hierarchy(discs.collect());
         let point = |disc: &Item| {
             let i = disc.surfel as usize;
-            Point {
+            PointOccluder {
                 position: surfels.positions[i].to_array(),
                 surfel: disc.surfel,
                 normal: surfels.normals[i].to_array(),
                 inverse_area: 1.0 / surfels.areas[i],
             }
         };
-        Points {
+        PointTree {
             wide: widened(&nodes),
             nodes,
             points: discs.par_iter().map(point).collect(),
@@ -130,7 +136,7 @@ impl Points {
 pub struct CpuPointVisibility<'a, T> {
     surfels: &'a Surfels,
     test: PointTest,
-    points: Points,
+    points: PointTree,
     real: PhantomData<T>,
 }
 
@@ -139,7 +145,7 @@ impl<'a, T: Real> CpuPointVisibility<'a, T> {
         CpuPointVisibility {
             surfels,
             test,
-            points: Points::build(surfels, test.radius),
+            points: PointTree::build(surfels, test.radius),
             real: PhantomData,
         }
     }
@@ -177,7 +183,7 @@ impl PointTest {
     }
 
     /// Whether two points that face each other also see each other, by the segment between them.
-    pub fn passes<T: Real>(&self, points: &Points, segment: &Segment) -> bool {
+    pub fn passes<T: Real>(&self, points: &PointTree, segment: &Segment) -> bool {
         if self.is_open() {
             return true;
         }
@@ -262,7 +268,7 @@ impl<T: Real> Ends<T> {
 
     /// Square of the distance from a point, in its plane, to where the segment crosses it, in
     /// spacings; Δ² if the point is no occluder.
-    fn crossing(&self, point: &Point, limit: T) -> T {
+    fn crossing(&self, point: &PointOccluder, limit: T) -> T {
         let x = vector::<T>(point.position);
         let normal = vector::<T>(point.normal);
         let p = self.p - x;
@@ -285,7 +291,7 @@ impl<T: Real> Ends<T> {
     }
 
     /// Square of the distance of a point from the segment, in spacings.
-    fn distance(&self, point: &Point) -> T {
+    fn distance(&self, point: &PointOccluder) -> T {
         let p = self.p - vector::<T>(point.position);
         let along = -p.dot(self.way) * (T::ONE / self.length_squared);
         let across = p + self.way * along;
@@ -326,7 +332,7 @@ impl<T: Real> Closest<T> {
 
     /// The product over those that are crossed closest to their middle.
     fn visibility(&self, test: &PointTest) -> T {
-        let mut nearest = [T::from_f32(test.limit()); 3];
+        let mut nearest = [T::from_f32(FAR); 3];
         for occluder in &self.found[..self.count] {
             let mut crossing = occluder.crossing;
             for kept in &mut nearest {

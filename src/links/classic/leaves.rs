@@ -1,5 +1,6 @@
 //! Leaves that see each other (2.2.4.3 and 2.2.4.4 of the report).
 
+use std::borrow::Cow;
 use std::time::Instant;
 
 use super::Thresholds;
@@ -49,7 +50,7 @@ impl Tally {
                     tally.pruned += below;
                     tally.pruned_facets += 1;
                 }
-                Met::Leaves => tally.tested += (facets[i].len() * facets[j].len()) as u64,
+                Met::Leaves => tally.tested += pair_count([&facets[i], &facets[j]]) as u64,
             }
         }
         Ok(tally)
@@ -113,9 +114,14 @@ pub(super) fn find(
         }
         let mut answers = visible.as_slice();
         for (i, j) in leaves {
-            let [a, b] = [i, j].map(|f| octree.facets[f as usize].len());
-            let (of_pair, others) = answers.split_at(a * b);
-            if thresholds.leaves_see(a, of_pair) {
+            let facets = [i, j].map(|f| &octree.facets[f as usize]);
+            let points = facets[0].len();
+            let (tested, others) = answers.split_at(pair_count(facets));
+            let of_pair = match i == j {
+                true => Cow::Owned(both_ways(points, tested)),
+                false => Cow::Borrowed(tested),
+            };
+            if thresholds.leaves_see(points, &of_pair) {
                 tally.visible += 1;
                 sees(i, j);
             }
@@ -126,10 +132,34 @@ pub(super) fn find(
     }
 }
 
-/// All surfels of one facet with all of another, each pair in the order of its numbers.
+/// All surfels of one facet with all of another, or each with each other of the same one; a pair
+/// once, in the order of its numbers.
 fn surfel_pairs([a, b]: [&Facet; 2]) -> impl Iterator<Item = [u32; 2]> {
-    let (first, second) = (a.begin..a.end, b.begin..b.end);
-    first.flat_map(move |i| second.clone().map(move |j| [i.min(j), i.max(j)]))
+    let (same, second) = (a.begin == b.begin, b.begin..b.end);
+    (a.begin..a.end).flat_map(move |i| {
+        let first = if same { i + 1 } else { second.start };
+        (first..second.end).map(move |j| [i.min(j), i.max(j)])
+    })
+}
+
+/// How many pairs [`surfel_pairs`] gives.
+fn pair_count([a, b]: [&Facet; 2]) -> usize {
+    match a.begin == b.begin {
+        true => a.len() * a.len().saturating_sub(1) / 2,
+        false => a.len() * b.len(),
+    }
+}
+
+/// What was tested of each pair of a leaf's points once, for all pairs, row by row; no point sees
+/// itself.
+fn both_ways(points: usize, tested: &[bool]) -> Vec<bool> {
+    let mut all = vec![false; points * points];
+    let pairs = (0..points).flat_map(|i| (i + 1..points).map(move |j| (i, j)));
+    for ((i, j), &visible) in pairs.zip(tested) {
+        all[i * points + j] = visible;
+        all[j * points + i] = visible;
+    }
+    all
 }
 
 impl Thresholds {

@@ -1,6 +1,7 @@
 //! WGSL stages on a device and queue that the caller hands over.
 
 pub mod adapter;
+mod answers;
 mod batch;
 mod context;
 mod form_factor;
@@ -24,7 +25,7 @@ pub use lists::Link;
 pub use mixed::{Mixed, MixedItem, MixedPart};
 pub use p2p::{P2p, PointItem, PointSpan};
 pub use pace::Pace;
-pub use point_visible::{GpuPointVisibility, Test};
+pub use point_visible::{GpuPointVisibility, PointTestUniform};
 pub use shader::{MAX_ORDER, Pipeline, Shader, WORKGROUP};
 pub use stages::{Facet, Stages, Surfel};
 pub use table::{TABLE_WIDTH, Table};

@@ -20,6 +20,8 @@ const FIELD: &str = include_str!("../../../shaders/shared/field.wgsl");
 const SURFEL_FIELD: &str = include_str!("../../../shaders/shared/surfel_field.wgsl");
 /// Reading a table of links.
 const LINK: &str = include_str!("../../../shaders/shared/link.wgsl");
+/// The hierarchy of boxes that segments walk, and the entry point: an answer for each segment.
+const BVH: &str = include_str!("../../../shaders/shared/bvh.wgsl");
 /// The entry point: a subgroup for each of a part of the items.
 const SUBGROUP: &str = include_str!("../../../shaders/shared/subgroup.wgsl");
 
@@ -39,8 +41,8 @@ macro_rules! stage {
 }
 
 // Name, tables, light, shared texts.
-pub const VISIBILITY: Shader = stage!("visibility", ["nodes", "occluders"], [], []);
-pub const POINT_VISIBLE: Shader = stage!("point_visible", ["nodes", "points"], [], []);
+pub const VISIBILITY: Shader = stage!("visibility", ["nodes", "occluders"], [], [BVH]);
+pub const POINT_VISIBLE: Shader = stage!("point_visible", ["nodes", "points"], [], [BVH]);
 pub const P2M: Shader = stage!(
     "p2m",
     ["facets", "surfels", "radiosity"],
