@@ -13,6 +13,7 @@ pub(crate) enum Purpose {
     Emitters,
     Checks,
     Rays,
+    Errors,
 }
 
 /// The stream of one item: a surfel, or a pair of facets in one number.
