@@ -5,7 +5,7 @@ mod common;
 use common::{clutter, crossings, furnished_room, polygons, segment, some_segments, sphere};
 use fmmgi_gpu::Surfels;
 use fmmgi_gpu::points::Cells;
-use fmmgi_gpu::visibility::{Hit, NO_SURFEL, Occluders, RIM, Segment, blocked, first_hit};
+use fmmgi_gpu::visibility::{BEHIND, Hit, NO_SURFEL, Occluders, RIM, Segment, blocked, first_hit};
 use glam::{Quat, Vec3};
 
 fn scenes() -> [(&'static str, Surfels); 4] {
@@ -35,7 +35,8 @@ fn expected(surfels: &Surfels, rimmed: &Surfels, s: &Segment) -> Option<(Hit, bo
     let passed_by = crossings(rimmed, s).filter(|&(u, i, front)| {
         let reach = radius(i).min(radius(surfel));
         let aside = from + u * along - rimmed.positions[i as usize].as_dvec3();
-        front && u < t && (t - u) * along.length() <= reach && aside.length() <= reach
+        let behind = f64::from(BEHIND / RIM) * reach;
+        front && u < t && (t - u) * along.length() <= behind && aside.length() <= reach
     });
     match passed_by.min_by(|a, b| a.0.total_cmp(&b.0)) {
         Some((_, surfel, front)) => Some((Hit { surfel, front }, true)),
@@ -118,13 +119,13 @@ fn a_back_far_behind_an_edge_is_met() {
     let sheet = |z: f32| (Vec3::new(1.4, 0.0, z), Vec3::NEG_Z);
     let met = |z: f32| {
         let squares = polygons(&[table, sheet(z)], 4, 2f32.sqrt());
-        let down = segment(Vec3::new(1.4, 0.0, 1.0), Vec3::new(1.4, 0.0, -9.0));
+        let down = segment(Vec3::new(1.4, 0.0, 1.0), Vec3::new(1.4, 0.0, -19.0));
         first_hit::<f64>(&Occluders::build(&squares), &down)
             .unwrap()
             .surfel
     };
-    // A rim of 2 reaches 2√2 down.
-    assert_eq!([-0.1, -2.8, -2.9, -8.0].map(met), [0, 0, 1, 1]);
+    // Eight radii are 8√2.
+    assert_eq!([-0.1, -11.3, -11.4, -18.0].map(met), [0, 0, 1, 1]);
 }
 
 /// Squares side by side with their fronts up, a sheet with its front down below them.

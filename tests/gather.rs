@@ -3,13 +3,14 @@
 mod closed_forms;
 mod clouds;
 mod common;
+mod tracer;
 
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use closed_forms::{parallel, perpendicular};
 use clouds::cube;
-use common::gpu;
+use common::{gpu, random};
 use fmmgi_gpu::compare::compare;
 use fmmgi_gpu::links::{self, Rows};
 use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
@@ -17,11 +18,13 @@ use fmmgi_gpu::operator::{Direct, TransportOperator, exact_irradiance};
 use fmmgi_gpu::passes::cpu;
 use fmmgi_gpu::progress::{Progress, Silent};
 use fmmgi_gpu::scene::SceneOptions;
-use fmmgi_gpu::visibility::{CpuVisibility, NothingInTheWay, Occluders};
+use fmmgi_gpu::visibility::{CpuVisibility, NothingInTheWay, Occluders, first_hit};
 use fmmgi_gpu::{
     Backend, Error, Illumination, Method, Occlusion, Options, Scene, Surfels, illuminate,
 };
 use glam::{DVec2, DVec3, Vec3};
+use rand::RngExt;
+use tracer::{Bounces, Receiver, Room};
 
 fn scene(name: &str, points: usize) -> Scene {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenes/{name}.toml"));
@@ -253,9 +256,87 @@ fn integrating_sphere() {
     }
 }
 
+/// 4096 rays from each of 300 surfels against path tracing of the true surface: what the mean is off by
+/// beyond the noise is the part of the model, and exact sums over the same cells have it too. (Measured:
+/// -0.27% and -0.26%, noise 0.06%.)
+#[test]
+fn cornell_against_path_tracing() {
+    let scene = scene("cornell", 3000);
+    let lit = |options: Options| {
+        let options = Options {
+            tolerance: Some(0.003),
+            ..options
+        };
+        illuminate(&scene, &options, Backend::Cpu, &Silent)
+            .unwrap()
+            .map
+    };
+    let method = Method::Gather;
+    let known = lit(Options {
+        method,
+        rays: Some(256),
+        ..Options::default()
+    });
+    let lights = lit(Options {
+        method,
+        max_bounces: Some(0),
+        ..Options::default()
+    });
+    let exact = lit(Options {
+        method: Method::Direct,
+        ..Options::default()
+    });
+    let case = Case::new(&scene);
+    let surfels = &case.surfels;
+    let point = |i: usize| surfels.points[i] as usize;
+    let chosen: Vec<usize> = (0..surfels.len()).step_by(surfels.len() / 300).collect();
+    let receivers: Vec<Receiver> = chosen
+        .iter()
+        .map(|&i| Receiver {
+            place: case.positions[i],
+            normal: surfels.normals[i].as_dvec3(),
+        })
+        .collect();
+    let traced = Room::load("cornell").irradiance(&receivers, Bounces::All, 4096);
+    let truth: Vec<f64> = traced.iter().map(|e| e.irradiance.x).collect();
+    // Two halves of 32² strata each.
+    let half = |i: usize, seed: u64| {
+        let mut random = random(2 * i as u64 + seed);
+        let light = (0..1024 * 2).filter_map(|k| {
+            let [u, v] = [k / 32 % 32, k % 32].map(|s| (s as f32 + random.random::<f32>()) / 32.0);
+            let (a, b) = surfels.normals[i].any_orthonormal_pair();
+            let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
+            let aside = u.sqrt() * (cos * a + sin * b);
+            let way = aside + (1.0 - u).sqrt() * surfels.normals[i];
+            let hit = first_hit::<f32>(&case.occluders, &surfels.ray(i, way * surfels.reach()))?;
+            let from = hit.surfel as usize;
+            let reflected = surfels.reflectance[from].x * known.irradiance[point(from)].x;
+            hit.front.then_some(f64::from(reflected))
+        });
+        f64::from(lights.irradiance[point(i)].x) + light.sum::<f64>() / 2048.0
+    };
+    let [a, b] = [0, 1].map(|seed| chosen.iter().map(|&i| half(i, seed)).collect::<Vec<f64>>());
+    let found: Vec<f64> = a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).collect();
+    let exact: Vec<f64> = (chosen.iter())
+        .map(|&i| exact.irradiance[point(i)].x.into())
+        .collect();
+    let own: f64 = traced.iter().map(|e| e.error.x.powi(2)).sum();
+    let own = own.sqrt() / truth.iter().sum::<f64>();
+    let noise = mean_noise(&a, &b).hypot(own);
+    let [off, model] = [&found, &exact].map(|h| bias(h, &truth));
+    println!(
+        "cornell: bias {off:+.5}, noise of that {noise:.5}, relative L2 {:.4}; exact sums: bias {:+.5}, \
+         relative L2 {:.4}",
+        relative_l2(&found, &truth),
+        model,
+        relative_l2(&exact, &truth)
+    );
+    assert!((off - model).abs() < 3.0 * noise && off.abs() < 0.004);
+}
+
 /// A ray brings light from one surfel at most, and all rays weigh the same. In a closed room all of
 /// them should bring some; between cells that are no mesh, some slip into bodies and meet their backs
-/// from inside. (Measured: 0.964; without a rim 0.957.)
+/// from inside. (Measured: 0.980; without a rim 0.957.)
 #[test]
 fn rows_sum_up_to_one_at_most() {
     let case = Case::new(&scene("organic", 2000));
@@ -264,7 +345,7 @@ fn rows_sum_up_to_one_at_most() {
     let whole = sums.iter().filter(|&&sum| sum == 1.0).count();
     let mean = sums.iter().sum::<f64>() / sums.len() as f64;
     println!("row sum {mean:.4}, {whole} of {} are 1", sums.len());
-    assert!(mean > 0.96);
+    assert!(mean > 0.975);
 }
 
 #[test]
