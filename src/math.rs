@@ -58,6 +58,8 @@ pub trait Real:
     type Rgb: Vector<Self> + From<Self::Vec3> + Into<Self::Vec3>;
     const ZERO: Self;
     const ONE: Self;
+    /// Distance from 1 to the next number.
+    const EPSILON: f64;
     const PI: Self;
     fn from_f64(x: f64) -> Self;
     fn from_f32(x: f32) -> Self;
@@ -121,6 +123,7 @@ macro_rules! real {
             type Rgb = $rgb;
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
+            const EPSILON: f64 = <$t>::EPSILON as f64;
             const PI: Self = $pi;
             #[inline(always)]
             fn from_f64(x: f64) -> Self {

@@ -70,11 +70,11 @@ impl Budget {
 /// Memory that a link by rays takes at most, while links are put together and carried to a device.
 const BYTES_A_RAY: u64 = 32;
 
-/// Refuses rays whose hits would not fit into the memory that is free, before they are cast. Rays of
-/// one surfel that meet the same other one take no more memory than one.
-pub fn check_rays(surfels: usize, rays: u32) -> Result<()> {
+/// Refuses rays whose hits would not fit into the memory that is free, where that is known, before
+/// they are cast. Rays of one surfel that meet the same other one take no more memory than one.
+pub fn check_rays(surfels: usize, rays: u32, free: Option<u64>) -> Result<()> {
     let needed = surfels as u64 * u64::from(rays).min(surfels as u64) * BYTES_A_RAY;
-    match available() {
+    match free {
         Some(free) if needed > free => Err(Error::TooLarge(format!(
             "{rays} rays from each of {surfels} points need {} MiB of memory, but only {} MiB are \
              free: take fewer rays or points, or ask for a larger tolerance",

@@ -16,6 +16,7 @@ pub(crate) enum Purpose {
     CheckRows,
     CheckEnergy,
     Rays,
+    Errors,
 }
 
 /// The stream of one item: a surfel, or a pair of facets in one number.

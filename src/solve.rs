@@ -35,8 +35,8 @@ const KRYLOV: usize = 30;
 
 /// Bounces as faint as this, relative to the first, are the last.
 const FADED: f64 = 1e-8;
-/// Parts of a unit vector as small as this are rounding.
-const BREAKDOWN: f64 = 1e-14;
+/// Parts of a unit vector as small as this are rounding, in units of that of the fields.
+const BREAKDOWN: f64 = 32.0;
 
 /// Solves (I - ρF) R = source, with source = ρH₀, starting from `start` or from the source.
 pub fn solve<O: TransportOperator>(
@@ -140,6 +140,7 @@ fn gmres<O: TransportOperator>(
     progress: &dyn Progress,
 ) -> Result<(Field<O>, Ended)> {
     let fields = operator.fields();
+    let breakdown = BREAKDOWN * O::Fields::EPSILON;
     let residual = |x: &Field<O>| -> Result<Field<O>> {
         let mut r = reflect(operator, reflectance, x)?;
         fields.axpy(-1.0, x, &mut r)?;
@@ -188,7 +189,7 @@ fn gmres<O: TransportOperator>(
         }
         let k = column.len() - 1;
         let r = column[k].hypot(length);
-        if r <= BREAKDOWN {
+        if r <= breakdown {
             break; // singular, as where nothing is absorbed and nothing gets out
         }
         let (c, s) = (column[k] / r, length / r);
@@ -200,7 +201,7 @@ fn gmres<O: TransportOperator>(
         remaining = rhs[k + 1].abs();
         progress.advance(1);
         // The solution is in the space: what is left of a unit vector is rounding.
-        if length <= BREAKDOWN {
+        if length <= breakdown {
             break;
         }
         fields.scale(1.0 / length, &mut w)?;

@@ -128,6 +128,7 @@ fn count(counter: &Cell<usize>) {
 
 impl Fields for Watched<'_> {
     type Field = Buffer;
+    const EPSILON: f64 = GpuFields::EPSILON;
 
     fn upload(&self, values: &[DVec3]) -> Result<Buffer> {
         count(&self.uploads);

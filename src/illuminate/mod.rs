@@ -39,7 +39,8 @@ pub enum Method {
     Fmm,
     /// The adaptive lists and the hierarchical visibility of Goradia's report: tests all pairs.
     Classic,
-    /// Rays from every surfel, whose hits are kept for all bounces.
+    /// Rays from every surfel, whose hits are kept for all bounces. Surfels are as large as their
+    /// cells: areas given in the file do not count. The rays are cast on the CPU on every backend.
     Gather,
     /// `Direct` where that is cheaper, otherwise `Fmm`.
     #[default]

@@ -4,19 +4,28 @@ use std::ops::RangeInclusive;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
+use rand::RngExt;
 
 use super::task::{Solve, Solved, Task, counts};
-use super::work::Bounced;
+use super::work::{BOUNCES_INSTEAD, Bounced, Work};
 use crate::error::{Error, Result};
 use crate::links::{self, Links, Rows};
 use crate::memory;
+use crate::operator::{Fields, Fmm, TransportOperator};
 use crate::passes::cpu;
+use crate::random::{Purpose, stream};
+use crate::solve::{Stop, solve};
 use crate::visibility::Occluders;
 
 /// Rays from each surfel that can be asked for.
 pub const RAYS: RangeInclusive<u32> = 2..=1 << 16;
 /// Rays to begin with.
 const FIRST_RAYS: u32 = 32;
+/// Draws of an error that might have been, whose mean square is taken.
+const DRAWS: u64 = 8;
+/// Residual to which each of them is solved. What is brightened most, a small part of the whole, must
+/// not be lost in it.
+const ERROR_RESIDUAL: f64 = 0.01;
 
 /// Rays that were cast.
 #[derive(Clone, Copy)]
@@ -29,9 +38,17 @@ pub(super) struct Rays {
     pub seconds: f64,
 }
 
+/// What a number of rays found.
+struct Found {
+    rays: u32,
+    links: Links,
+    bounced: Bounced,
+    standard_error: f64,
+}
+
 impl Task<'_> {
     /// Lights per surfel, then rays for what is reflected: twice as many, until half of them agree
-    /// with the other half.
+    /// with the other half, or the memory is full.
     pub fn gather(
         &self,
         occluders: &Occluders,
@@ -39,17 +56,16 @@ impl Task<'_> {
         repairs: &mut Vec<String>,
         solve: Solve,
     ) -> Result<Solved> {
-        let n = self.surfels.len();
-        if let Some(wanted) = wanted {
-            memory::check_rays(n, wanted.next_power_of_two())?;
-        }
+        let first = wanted.unwrap_or(FIRST_RAYS).next_power_of_two();
+        let check_memory = |rays| memory::check_rays(self.surfels.len(), rays, memory::available());
+        check_memory(first)?;
         let lights = self.direct_light(repairs)?;
         let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
         let dark = lights.iter().all(|h| *h == DVec3::ZERO);
         if black || dark || self.max_bounces == Some(0) {
             return Ok(Solved::without_reflection(lights));
         }
-        let mut casting = 0.0;
+        let (mut casting, mut solving) = (0.0, 0.0);
         let mut cast = |numbers| {
             let clock = Instant::now();
             let (seed, progress) = (self.seed, self.progress);
@@ -57,63 +73,124 @@ impl Task<'_> {
             casting += clock.elapsed().as_secs_f64();
             Ok::<Rows, Error>(rows)
         };
-        let mut rays = wanted.unwrap_or(FIRST_RAYS).next_power_of_two() / 2;
-        let mut near = cast(0..rays)?;
-        let mut start: Option<Vec<DVec3>> = None;
-        let mut seconds = 0.0;
-        loop {
-            memory::check_rays(n, 2 * rays)?;
-            let more = cast(rays..2 * rays)?;
-            rays *= 2;
-            let links = Links {
-                near: links::mean(&near, &more)?,
-                ..Links::none(self.octree.facets.len(), n)
-            };
+        let half = cast(0..first / 2)?;
+        let mut twice = |rays: u32, near: &Rows, start: Option<&[DVec3]>| {
+            check_memory(rays)?;
+            let more = cast(rays / 2..rays)?;
+            let links = self.links_of(links::mean(near, &more, self.progress)?);
             let clock = Instant::now();
-            let bounced = solve(&links, &self.work(&lights, start.as_deref(), self.stop()))?;
-            seconds += clock.elapsed().as_secs_f64();
-            let standard_error = standard_error([&near, &more], &bounced);
-            let enough = standard_error <= self.tolerance;
-            if wanted.is_none() && !enough && rays < *RAYS.end() {
-                start = Some(bounced.reflected);
-                near = links.near;
-                continue;
-            }
-            let mut ended = bounced.ended;
-            ended.converged &= enough || wanted.is_some();
-            return Ok(Solved {
-                irradiance: bounced.irradiance,
-                ended,
-                checked: bounced.checked,
-                links: counts(&links),
-                rays: Some(Rays {
-                    count: rays,
-                    standard_error,
-                    seconds: casting,
-                }),
-                seconds,
-                ..Solved::default()
-            });
+            let work = self.work(&lights, start, self.stop());
+            let bounced = solve(
+                &links,
+                &Work {
+                    checked: None,
+                    ..work
+                },
+            )?;
+            let standard_error = self.standard_error([near, &more], &links, &bounced)?;
+            solving += clock.elapsed().as_secs_f64();
+            Ok(Found {
+                rays,
+                links,
+                bounced,
+                standard_error,
+            })
+        };
+        let mut found = twice(first, &half, None)?;
+        drop(half);
+        while wanted.is_none() && found.standard_error > self.tolerance && found.rays < *RAYS.end()
+        {
+            let start = Some(found.bounced.reflected.as_slice());
+            found = match twice(2 * found.rays, &found.links.near, start) {
+                Err(Error::TooLarge(why)) => {
+                    self.progress.note(&format!("no more rays: {why}"));
+                    break;
+                }
+                found => found?,
+            };
+        }
+        let clock = Instant::now();
+        let work = self.work(&lights, Some(&found.bounced.reflected), self.stop());
+        let bounced = solve(&found.links, &work)?;
+        solving += clock.elapsed().as_secs_f64();
+        let mut ended = bounced.ended;
+        ended.converged &= wanted.is_some() || found.standard_error <= self.tolerance;
+        Ok(Solved {
+            irradiance: bounced.irradiance,
+            ended,
+            checked: bounced.checked,
+            links: counts(&found.links),
+            rays: Some(Rays {
+                count: found.rays,
+                standard_error: found.standard_error,
+                seconds: casting,
+            }),
+            seconds: solving,
+            ..Solved::default()
+        })
+    }
+
+    fn links_of(&self, near: Rows) -> Links {
+        Links {
+            near,
+            ..Links::none(self.octree.facets.len(), self.surfels.len())
         }
     }
-}
 
-/// Standard error of the mean of two operators, relative to the irradiance: half of what they
-/// differ by. Both halves are stratified and complete each other, so that the true error is smaller
-/// by a little.
-fn standard_error(halves: [&Rows; 2], bounced: &Bounced) -> f64 {
-    let reflected: Vec<Vec3> = bounced.reflected.iter().map(|b| b.as_vec3()).collect();
-    let [a, b] = halves.map(|near| {
-        let mut irradiance = vec![Vec3::ZERO; reflected.len()];
-        cpu::near_field::<f32>(near, &reflected, &mut irradiance);
-        irradiance
-    });
-    let differences = a.iter().zip(&b).map(|(a, b)| (*a - *b).as_dvec3());
-    let spread: f64 = differences.map(|d| d.length_squared()).sum();
-    let whole: f64 = bounced.irradiance.iter().map(|h| h.length_squared()).sum();
-    if whole > 0.0 {
-        0.5 * (spread / whole).sqrt()
-    } else {
-        0.0
+    /// Standard error of the irradiance by the mean of two operators, relative to it.
+    ///
+    /// Half of what the operators differ by is an error d of the irradiance, which is reflected on as
+    /// light is: (I - ρF) e = ρ d, in all d + F e. Where little is absorbed, one number decides, the
+    /// mean of d: to know how large it is as a rule, d is drawn again with random signs, as rays of one
+    /// surfel know nothing of those of another. Both halves are stratified and complete each other,
+    /// so that the true error is smaller by a little.
+    fn standard_error(&self, halves: [&Rows; 2], links: &Links, bounced: &Bounced) -> Result<f64> {
+        let whole: f64 = bounced.irradiance.iter().map(|h| h.length_squared()).sum();
+        if whole == 0.0 {
+            return Ok(0.0);
+        }
+        // As f32 can hold the squares of.
+        let unit = (whole / bounced.irradiance.len() as f64).sqrt();
+        let operator = Fmm::<f32>::new(self.surfels, self.octree, links);
+        let fields = operator.fields();
+        let upload = |light: &[DVec3]| {
+            let light: Vec<DVec3> = light.iter().map(|h| *h / unit).collect();
+            fields.upload(&light)
+        };
+        let reflected = upload(&bounced.reflected)?;
+        let [mut difference, other] = halves.map(|near| {
+            let mut irradiance = vec![Vec3::ZERO; reflected.len()];
+            cpu::near_field::<f32>(near, &reflected, &mut irradiance);
+            irradiance
+        });
+        fields.axpy(-1.0, &other, &mut difference)?;
+        fields.scale(0.5, &mut difference)?;
+        let reflectance: Vec<DVec3> = self
+            .surfels
+            .reflectance
+            .iter()
+            .map(|r| r.as_dvec3())
+            .collect();
+        let reflectance = fields.upload(&reflectance)?;
+        let stop = Stop {
+            residual: ERROR_RESIDUAL,
+            bounces: match bounced.ended.converged {
+                true => self.max_bounces.map(|bounces| bounces - 1),
+                false => Some(BOUNCES_INSTEAD),
+            },
+        };
+        let mut square = 0.0;
+        for draw in 0..DRAWS {
+            let mut random = stream(self.seed, Purpose::Errors, draw);
+            let sign = |d: &Vec3| if random.random() { *d } else { -*d };
+            let mut error: Vec<Vec3> = difference.iter().map(sign).collect();
+            let mut source = fields.copy(&error)?;
+            fields.multiply(&reflectance, &mut source)?;
+            let (reflected, _) =
+                solve(&operator, &reflectance, &source, None, stop, self.progress)?;
+            fields.axpy(1.0, &operator.apply(&reflected)?, &mut error)?;
+            square += fields.dot(&error, &error)? / DRAWS as f64;
+        }
+        Ok((square * unit * unit / whole).sqrt())
     }
 }

@@ -33,7 +33,7 @@ pub(super) struct Bounced {
 
 /// Bounces that are followed one by one where the equation has no solution: its row sums, a little
 /// over 1 by their own error, let light grow as it is reflected.
-const BOUNCES_INSTEAD: u32 = 30;
+pub(super) const BOUNCES_INSTEAD: u32 = 30;
 
 impl Work<'_> {
     /// Solves for the reflected radiosity, then takes one more step, whose change is the residual.
@@ -48,13 +48,18 @@ impl Work<'_> {
         let unit = self.unit();
         let (mut reflected, mut arrived, mut ended) =
             self.attempt(operator, unit, self.stop, progress)?;
-        // Bounces only add light: a solution below the lights is none.
-        if unit * sum(&arrived) < -self.stop.residual * sum(self.lights) {
+        // Bounces only add light: a solution below the lights is none. Nor is one that is hardly closer
+        // than so many bounces: what does not decay can be in it in any amount.
+        let below = unit * sum(&arrived) < -self.stop.residual * sum(self.lights);
+        if below || !ended.converged {
             let stop = Stop {
                 bounces: Some(BOUNCES_INSTEAD),
                 ..self.stop
             };
-            (reflected, arrived, ended) = self.attempt(operator, unit, stop, progress)?;
+            let instead = self.attempt(operator, unit, stop, progress)?;
+            if below || instead.2.residual < 2.0 * ended.residual {
+                (reflected, arrived, ended) = instead;
+            }
             ended.converged = false;
         }
         let check = |(visibility, seed)| {

@@ -15,12 +15,13 @@ use crate::visibility::{Occluders, first_hit};
 
 /// Surfels whose rays are cast by one thread at a time.
 const CHUNK: usize = 64;
-/// Surfels between two looks at whether the work should stop.
-const BLOCK: usize = 1 << 12;
+/// Rays, or links, between two looks at whether the work should stop.
+const BLOCK: usize = 1 << 20;
 
 /// Casts the rays `numbers` of every surfel, in cosine-weighted directions: the weight of a link is
 /// the part of them that meet the front of its source before anything else. A ray that meets a back
-/// or nothing brings nothing, so that no row sums up to more than 1.
+/// or nothing brings nothing, so that no row sums up to more than 1. What counts of a source is its
+/// cell, not its area.
 ///
 /// Rays 0..2ᵏ are stratified, and so are 2ᵏ..2ᵏ⁺¹ for the same k, in other places: the operator of
 /// twice as many rays is the [mean](mean()) of both.
@@ -49,7 +50,7 @@ pub fn gather<T: Real>(
     let weight = 1.0 / numbers.len() as f32;
     progress.stage("rays", n as u64);
     let mut parts: Vec<Part> = Vec::with_capacity(n.div_ceil(CHUNK));
-    for block in blocks(0..n, BLOCK) {
+    for block in blocks(0..n, surfels_at_once(numbers.len())) {
         progress.check()?;
         let done = block.len() as u64;
         let chunks: Vec<_> = blocks(block, CHUNK).collect();
@@ -75,9 +76,8 @@ pub fn gather<T: Real>(
 /// parts of 2ᵏ rays it is exact.
 ///
 /// Fails with [`Error::TooLarge`](crate::Error::TooLarge) beyond 2³² links.
-pub fn mean(a: &Rows, b: &Rows) -> Result<Rows> {
+pub fn mean(a: &Rows, b: &Rows, progress: &dyn Progress) -> Result<Rows> {
     let targets = a.offsets.len() - 1;
-    let chunks: Vec<_> = blocks(0..targets, CHUNK).collect();
     let of_chunk = |chunk: Range<usize>| {
         let mut part = Part::default();
         let mut row: Vec<(usize, f32)> = Vec::new();
@@ -93,7 +93,21 @@ pub fn mean(a: &Rows, b: &Rows) -> Result<Rows> {
         }
         part
     };
-    Rows::gather(targets, chunks.into_par_iter().map(of_chunk).collect())
+    let mut parts: Vec<Part> = Vec::with_capacity(targets.div_ceil(CHUNK));
+    for block in blocks(
+        0..targets,
+        surfels_at_once((a.len() + b.len()) / targets.max(1)),
+    ) {
+        progress.check()?;
+        let chunks: Vec<_> = blocks(block, CHUNK).collect();
+        parts.par_extend(chunks.into_par_iter().map(of_chunk));
+    }
+    Rows::gather(targets, parts)
+}
+
+/// Surfels in a block, where each has so many rays or links.
+fn surfels_at_once(each: usize) -> usize {
+    (BLOCK / each.max(1)).next_multiple_of(CHUNK).max(CHUNK)
 }
 
 fn blocks(range: Range<usize>, size: usize) -> impl Iterator<Item = Range<usize>> {

@@ -12,6 +12,8 @@ use crate::math::{Real, Vector};
 pub trait Fields {
     /// One RGB value a surfel.
     type Field;
+    /// Their relative rounding.
+    const EPSILON: f64;
 
     /// To the backend.
     fn upload(&self, values: &[DVec3]) -> Result<Self::Field>;
@@ -49,6 +51,7 @@ const BLOCK: usize = 4096;
 
 impl<T: Real> Fields for HostFields<T> {
     type Field = Vec<T::Vec3>;
+    const EPSILON: f64 = T::EPSILON;
 
     fn upload(&self, values: &[DVec3]) -> Result<Self::Field> {
         let narrow = |v: &DVec3| T::Vec3::new(T::from_f64(v.x), T::from_f64(v.y), T::from_f64(v.z));

@@ -107,6 +107,7 @@ impl GpuFields {
 
 impl Fields for GpuFields {
     type Field = Buffer;
+    const EPSILON: f64 = f32::EPSILON as f64;
 
     fn upload(&self, values: &[DVec3]) -> Result<Buffer> {
         let narrow = |v: &DVec3| v.as_vec3().extend(0.0).to_array();

@@ -23,7 +23,7 @@ pub use point_visible::{
     CpuPointVisibility, LOOKUP, MAX_CLOSEST, PointOccluder, PointTest, PointTree, segment_of,
 };
 pub use seen::Seen;
-pub use segment::{Hit, RIM, blocked, first_hit, meeting};
+pub use segment::{BEHIND, Hit, RIM, blocked, first_hit, meeting};
 pub use wide::WideNode;
 
 /// Stands for "no surfel" in [`Segment`]'s skip fields.

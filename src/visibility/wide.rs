@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 
 use super::Node;
 
@@ -153,4 +153,37 @@ fn boxes_met(node: &WideNode, line: &Line, limit: f32) -> ([f32; 4], u32) {
         far = far.min(a.max(b));
     }
     (near.to_array(), near.cmple(far * ROUNDING).bitmask())
+}
+
+/// Hands all occluders in boxes that overlap the one from `low` to `high` to `meet`.
+pub(super) fn overlapping(
+    nodes: &[WideNode],
+    low: Vec3,
+    high: Vec3,
+    meet: &mut impl FnMut(Range<usize>),
+) {
+    if !nodes.is_empty() {
+        below(nodes, 0, &[low, high], meet);
+    }
+}
+
+fn below(nodes: &[WideNode], at: usize, ends: &[Vec3; 2], meet: &mut impl FnMut(Range<usize>)) {
+    let node = &nodes[at];
+    let apart = |axis: usize| {
+        let [low, high] = ends.map(|end| Vec4::splat(end[axis]));
+        (node.min[axis].cmpgt(high) | node.max[axis].cmplt(low)).bitmask()
+    };
+    let apart = apart(0) | apart(1) | apart(2);
+    for k in (0..4).filter(|k| apart >> k & 1 == 0) {
+        let occluders = Node::occluders_of(node.content[k]);
+        match occluders.is_empty() {
+            true => below(
+                nodes,
+                (node.content[k] >> Node::COUNT_BITS) as usize,
+                ends,
+                meet,
+            ),
+            false => meet(occluders),
+        }
+    }
 }
