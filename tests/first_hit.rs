@@ -119,13 +119,13 @@ fn a_back_far_behind_an_edge_is_met() {
     let sheet = |z: f32| (Vec3::new(1.4, 0.0, z), Vec3::NEG_Z);
     let met = |z: f32| {
         let squares = polygons(&[table, sheet(z)], 4, 2f32.sqrt());
-        let down = segment(Vec3::new(1.4, 0.0, 1.0), Vec3::new(1.4, 0.0, -19.0));
+        let down = segment(Vec3::new(1.4, 0.0, 1.0), Vec3::new(1.4, 0.0, -199.0));
         first_hit::<f64>(&Occluders::build(&squares), &down)
             .unwrap()
             .surfel
     };
-    // Eight radii are 8√2.
-    assert_eq!([-0.1, -11.3, -11.4, -18.0].map(met), [0, 0, 1, 1]);
+    // 64 radii are 64√2.
+    assert_eq!([-0.1, -90.4, -90.6, -180.0].map(met), [0, 0, 1, 1]);
 }
 
 /// Squares side by side with their fronts up, a sheet with its front down below them.

@@ -9,6 +9,8 @@ use super::Node;
 /// The far side of a box moves out by this, so that rounding never loses a box that is met
 /// (Ize 2013, "Robust BVH ray traversal").
 const ROUNDING: f32 = 1.0 + 4.0 * f32::EPSILON;
+/// Smallest component of a direction that boxes are tested with: its inverse stays finite.
+const SMALLEST: f32 = 1e-20;
 /// Entries of the stack of one call.
 const STACK: usize = 64;
 
@@ -70,10 +72,30 @@ fn widen(nodes: &[Node], root: usize, wide: &mut Vec<WideNode>) -> usize {
     at
 }
 
-/// Where a segment begins and the inverse of its direction, for four boxes each.
+/// A segment as boxes are tested with it, four at a time.
 pub(super) struct Line {
-    pub start: [Vec4; 3],
-    pub inverse: [Vec4; 3],
+    /// Where it begins, as seen from the low and the high sides of boxes.
+    start: [[Vec4; 3]; 2],
+    /// The inverse of its direction.
+    inverse: [Vec4; 3],
+}
+
+impl Line {
+    /// Boxes are met that are within a margin of it.
+    pub fn new(from: Vec3, to: Vec3, margin: f32) -> Line {
+        Line {
+            start: [from + margin, from - margin].map(|v| v.to_array().map(Vec4::splat)),
+            inverse: (to - from).to_array().map(|x| Vec4::splat(inverse(x))),
+        }
+    }
+}
+
+fn inverse(x: f32) -> f32 {
+    1.0 / if x.abs() >= SMALLEST {
+        x
+    } else {
+        SMALLEST.copysign(x)
+    }
 }
 
 /// Hands all occluders in boxes that a line meets, up to the part `limit` of it, to `meet`, which
@@ -147,43 +169,10 @@ fn boxes_met(node: &WideNode, line: &Line, limit: f32) -> ([f32; 4], u32) {
     let mut near = Vec4::ZERO;
     let mut far = Vec4::splat(limit);
     for axis in 0..3 {
-        let a = (node.min[axis] - line.start[axis]) * line.inverse[axis];
-        let b = (node.max[axis] - line.start[axis]) * line.inverse[axis];
+        let a = (node.min[axis] - line.start[0][axis]) * line.inverse[axis];
+        let b = (node.max[axis] - line.start[1][axis]) * line.inverse[axis];
         near = near.max(a.min(b));
         far = far.min(a.max(b));
     }
     (near.to_array(), near.cmple(far * ROUNDING).bitmask())
-}
-
-/// Hands all occluders in boxes that overlap the one from `low` to `high` to `meet`.
-pub(super) fn overlapping(
-    nodes: &[WideNode],
-    low: Vec3,
-    high: Vec3,
-    meet: &mut impl FnMut(Range<usize>),
-) {
-    if !nodes.is_empty() {
-        below(nodes, 0, &[low, high], meet);
-    }
-}
-
-fn below(nodes: &[WideNode], at: usize, ends: &[Vec3; 2], meet: &mut impl FnMut(Range<usize>)) {
-    let node = &nodes[at];
-    let apart = |axis: usize| {
-        let [low, high] = ends.map(|end| Vec4::splat(end[axis]));
-        (node.min[axis].cmpgt(high) | node.max[axis].cmplt(low)).bitmask()
-    };
-    let apart = apart(0) | apart(1) | apart(2);
-    for k in (0..4).filter(|k| apart >> k & 1 == 0) {
-        let occluders = Node::occluders_of(node.content[k]);
-        match occluders.is_empty() {
-            true => below(
-                nodes,
-                (node.content[k] >> Node::COUNT_BITS) as usize,
-                ends,
-                meet,
-            ),
-            false => meet(occluders),
-        }
-    }
 }
