@@ -1,12 +1,14 @@
-//! Clouds made by hand, and a device to test on.
+//! Clouds made by hand, shipped scenes, and a device to test on.
 #![allow(dead_code)]
 
 use std::sync::OnceLock;
 
-use fmmgi_gpu::Surfels;
 use fmmgi_gpu::passes::gpu::{Gpu, adapter};
 use fmmgi_gpu::points::{Cells, MAX_EDGES};
+use fmmgi_gpu::progress::Silent;
+use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::visibility::{NO_SURFEL, Segment};
+use fmmgi_gpu::{Scene, Surfels};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -37,6 +39,16 @@ pub fn limited(required_limits: wgpu::Limits, features: wgpu::Features) -> Gpu {
     }))
     .unwrap();
     Gpu::new(&device, &queue)
+}
+
+/// A shipped scene with about so many points.
+pub fn scene(name: &str, points: usize) -> Scene {
+    let path = format!("{}/scenes/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    let options = SceneOptions {
+        points: Some(points),
+        seed: 1,
+    };
+    Scene::load(path.as_ref(), &options, &Silent).unwrap()
 }
 
 pub fn random(seed: u64) -> Pcg64Mcg {
