@@ -6,7 +6,7 @@ mod ply;
 use std::path::Path;
 
 pub use atomic::{check_writable, write_atomic};
-pub use ply::{write_painted, write_ply};
+pub use ply::{needs_double, write_painted, write_ply};
 
 use crate::error::Result;
 use crate::illuminate::stats::Stats;

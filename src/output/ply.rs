@@ -184,7 +184,7 @@ fn place(row: &mut Row, cloud: &PointCloud, i: usize, double: bool) {
 }
 
 /// Whether f32 would round coordinates by more than the cloud's detail allows.
-fn needs_double(positions: &[DVec3]) -> bool {
+pub fn needs_double(positions: &[DVec3]) -> bool {
     let (min, max) = positions
         .par_iter()
         .filter(|p| p.is_finite())

@@ -7,7 +7,9 @@ mod rule;
 mod select;
 mod smooth;
 mod surfels;
+mod survey;
 
 pub use cells::{Cells, MAX_EDGES};
 pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud, Scanner};
 pub use surfels::{Prepared, Surfels};
+pub use survey::Survey;
