@@ -2,6 +2,7 @@
 
 mod cells;
 mod cloud;
+mod fingerprint;
 mod neighbours;
 mod rule;
 mod select;
@@ -10,4 +11,5 @@ mod surfels;
 
 pub use cells::{Cells, MAX_EDGES};
 pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
+pub(crate) use surfels::check;
 pub use surfels::{Prepared, Surfels};
