@@ -2,6 +2,7 @@
 
 mod cells;
 mod cloud;
+mod fingerprint;
 mod neighbours;
 mod rule;
 mod select;
@@ -11,5 +12,6 @@ mod survey;
 
 pub use cells::{Cells, MAX_EDGES};
 pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud, Scanner};
+pub(crate) use surfels::check;
 pub use surfels::{Prepared, Surfels};
 pub use survey::Survey;
