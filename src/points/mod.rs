@@ -9,5 +9,5 @@ mod smooth;
 mod surfels;
 
 pub use cells::{Cells, MAX_EDGES};
-pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud, Scanner};
+pub use cloud::{DEFAULT_REFLECTANCE, Grid, MAX_COLOUR_REFLECTANCE, PointCloud, Scanner};
 pub use surfels::{Prepared, Surfels};
