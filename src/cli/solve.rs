@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 use fmmgi_gpu::illuminate::{RAYS, checks::Checks};
-use fmmgi_gpu::output::{write_atomic, write_ply, write_stats};
+use fmmgi_gpu::output::{self, write_atomic, write_stats};
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
 use fmmgi_gpu::{
     Error, Method, Occlusion, Options, Progress, Result, Scene, Stats, illuminate, memory, render,
@@ -163,7 +163,7 @@ pub fn run(args: &Args) -> Result<Done> {
 
     let written = Instant::now();
     if let Some(path) = &args.output {
-        write_ply(path, &scene.cloud, &result.map)?;
+        output::write(path, &scene.cloud, &result.map)?;
     }
     if let (Some(path), Some(png)) = (&args.image, png) {
         write_atomic(path, |writer| writer.write_all(&png))?;
