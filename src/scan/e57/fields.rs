@@ -228,15 +228,14 @@ impl Span {
         let of_type = || match record.data_type {
             RecordDataType::Single { min, max } => Some((min?.into(), max?.into())),
             RecordDataType::Double { min, max } => Some((min?, max?)),
-            RecordDataType::Integer { min, max }
-            | RecordDataType::ScaledInteger { min, max, .. } => {
-                // Without limits they are those of 64 bit.
-                let limited = min != i64::MIN && max != i64::MAX;
+            RecordDataType::Integer { min, max } => Some((min as f64, max as f64)),
+            RecordDataType::ScaledInteger { min, max, .. } => {
                 let value = |integer| integer as f64 * field.scale + field.offset;
-                limited.then(|| (value(min), value(max)))
+                Some((value(min), value(max)))
             }
         };
-        let usable = |&(min, max): &(f64, f64)| max > min && (max - min).is_finite();
+        // All that 64 bit hold is what is said where nothing is said.
+        let usable = |&(min, max): &(f64, f64)| max > min && max - min < 2f64.powi(63);
         let (min, max) = given.filter(usable).or_else(of_type).filter(usable)?;
         Some(Span { min, max })
     }

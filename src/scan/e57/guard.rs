@@ -7,6 +7,8 @@ use std::rc::Rc;
 
 use e57::{PointCloud, RecordDataType};
 
+/// Bytes of a page, with its checksum.
+const PAGE: u64 = 1024;
 /// Longest description of what is in a file. A scan takes some 3 KiB of it.
 const LONGEST_XML: usize = 16 << 20;
 /// Deepest nesting in it; standard files have 7 levels.
@@ -78,6 +80,11 @@ pub fn check_header(input: &mut (impl Read + Seek), bytes: u64) -> Result<(), St
         .seek(SeekFrom::Start(0))
         .and_then(|_| input.read_exact(&mut header));
     read.map_err(|_| "the file is cut short: it ends inside the header")?;
+    if bytes % PAGE != 0 {
+        return Err(format!(
+            "the file is cut short: its {bytes} bytes are no whole pages of {PAGE}"
+        ));
+    }
     let number = |at: usize| u64::from_le_bytes(std::array::from_fn(|i| header[at + i]));
     let (offset, length) = (number(24), number(32));
     if offset.saturating_add(length) > bytes {
