@@ -17,6 +17,7 @@ pub(crate) enum Purpose {
     CheckEnergy,
     Rays,
     Errors,
+    Mesh,
 }
 
 /// The stream of one item: a surfel, or a pair of facets in one number.

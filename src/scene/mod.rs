@@ -13,6 +13,7 @@ use std::path::PathBuf;
 
 use glam::{DVec3, Vec3};
 
+pub(crate) use load::DEFAULT_POINTS;
 pub use values::{BRIGHTEST, LARGEST, TOLERANCES};
 
 use crate::points::PointCloud;
