@@ -346,7 +346,10 @@ fn lies_are_refused_in_words() {
             whole[..1024].to_vec(),
             "cut short: its header promises a description",
         ),
-        (whole[..whole.len() - 1].to_vec(), "are no whole pages of 1024"),
+        (
+            whole[..whole.len() - 1].to_vec(),
+            "are no whole pages of 1024",
+        ),
         (
             with(24, [255; 8]),
             "cut short: its header promises a description",

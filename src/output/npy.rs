@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::rows::{Lit, write_rows};
+use super::rows::{LIT, Lit, write_rows};
 use crate::error::Result;
 use crate::map::IlluminationMap;
 use crate::points::PointCloud;
@@ -12,7 +12,7 @@ const DTYPE: &str = "[('position', '<f8', (3,)), ('normal', '<f4', (3,)), \
     ('colour', '|u1', (3,)), ('radius', '<f4'), ('irradiance', '<f4', (3,)), \
     ('radiosity', '<f4', (3,)), ('in_transport', '|b1')]";
 /// Bytes of a row.
-const STRIDE: usize = 24 + 50;
+const STRIDE: usize = 24 + LIT;
 
 /// Writes all points of a cloud with their light, in the cloud's order, as a NumPy file.
 ///

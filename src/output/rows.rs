@@ -17,6 +17,9 @@ pub const BLOCK: usize = 1 << 17;
 /// Rows for one thread at a time.
 pub const GRAIN: usize = 4096;
 
+/// Bytes of what [`Lit::fill`] tells of a point.
+pub const LIT: usize = 44;
+
 /// The bytes of a point that are still to be filled.
 pub struct Row<'a>(&'a mut [u8]);
 
@@ -117,7 +120,7 @@ impl<'a> Lit<'a> {
         tone::tone_map(self.map.radiosity[i], self.exposure)
     }
 
-    /// Everything but the position: 50 bytes.
+    /// Everything but the position.
     pub fn fill(&self, row: &mut Row, i: usize) {
         row.vector(self.normal(i));
         row.put(&self.colour(i));
