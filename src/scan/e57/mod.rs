@@ -13,7 +13,7 @@ use glam::{DQuat, DVec3, Vec3};
 
 use super::Scan;
 use crate::error::{Error, Result};
-use crate::points::{PointCloud, Scanner};
+use crate::points::PointCloud;
 use crate::progress::Progress;
 use fields::Fields;
 use guard::Watched;
@@ -27,18 +27,17 @@ const BLOCK: u64 = 1 << 16;
 /// (sRGB, within the limits of the file), or else intensity as grey, and the extension for
 /// normals. Points without valid coordinates are left out.
 pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
-    let file = super::open(path)?;
+    let (file, bytes) = super::open_sized(path)?;
     // The reader answers damaged files with errors as far as is known. Should it panic, this is
     // still an error of the file, and no reason to end the program.
-    catch_unwind(AssertUnwindSafe(|| read_file(path, file, progress)))
+    catch_unwind(AssertUnwindSafe(|| read_file(path, file, bytes, progress)))
         .unwrap_or_else(|_| Err(Error::input(path, "the file is damaged")))
 }
 
-fn read_file(path: &Path, file: File, progress: &dyn Progress) -> Result<Scan> {
+fn read_file(path: &Path, file: File, bytes: u64, progress: &dyn Progress) -> Result<Scan> {
     let cannot_be_read = |e| Error::io(path, "cannot be read", e);
     let wrong = |what: String| Error::input(path, what);
     let damaged = |e: e57::Error| Error::input(path, e.to_string());
-    let bytes = file.metadata().map_err(cannot_be_read)?.len();
     let mut input = BufReader::with_capacity(1 << 16, file);
     guard::check_header(&mut input, bytes).map_err(wrong)?;
     let xml = E57Reader::raw_xml(&mut input).map_err(damaged)?;
@@ -53,13 +52,7 @@ fn read_file(path: &Path, file: File, progress: &dyn Progress) -> Result<Scan> {
     if total == 0 {
         return Err(wrong("empty cloud: the file has no points".to_owned()));
     }
-    if total > u64::from(u32::MAX) {
-        return Err(Error::TooLarge(format!(
-            "{}: {total} points; at most {} are possible",
-            path.display(),
-            u32::MAX
-        )));
-    }
+    super::check_count(path, total)?;
 
     progress.stage("reading", total);
     let mut all = Gathered::default();
@@ -182,11 +175,9 @@ impl Gathered {
             self.grey += points.len();
         }
         self.left_out += part.left_out;
-        if part.from_place && !points.is_empty() {
-            self.cloud.scanners.push(Scanner {
-                position: part.place,
-                points,
-            });
+        if part.from_place {
+            let scanner = super::scanner(&self.cloud, points, part.place);
+            self.cloud.scanners.extend(scanner);
         }
     }
 

@@ -14,7 +14,7 @@ use super::header::Header;
 const BLOCK: u64 = 1 << 12;
 /// Most points that a compressed byte can stand for. In scans it is less than one; equal points,
 /// which compress best, come to 108 in chunks of 50,000.
-const MOST_POINTS_A_BYTE: u64 = 512;
+const MOST_POINTS_A_BYTE: u64 = 128;
 /// Where the table of chunks is.
 const OFFSET: u64 = 8;
 

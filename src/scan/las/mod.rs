@@ -27,11 +27,7 @@ const BLOCK: u64 = 4 << 20;
 /// Understood are the coordinates, on their grid, and the colours. Intensities are no colours:
 /// they fall with the distance.
 pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
-    let file = super::open(path)?;
-    let bytes = file
-        .metadata()
-        .map_err(|e| Error::io(path, "cannot be read", e))?
-        .len();
+    let (file, bytes) = super::open_sized(path)?;
     let mut las = Las {
         path,
         input: BufReader::with_capacity(1 << 16, file),
@@ -44,14 +40,7 @@ pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
     if header.points == 0 {
         return Err(las.error("empty cloud: the file has no points"));
     }
-    if header.points > u64::from(u32::MAX) {
-        return Err(Error::TooLarge(format!(
-            "{}: {} points; at most {} are possible",
-            path.display(),
-            header.points,
-            u32::MAX
-        )));
-    }
+    super::check_count(path, header.points)?;
     progress.stage("reading", bytes);
     progress.advance(header.begin);
     let record = Record::new(&header);
