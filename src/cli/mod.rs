@@ -3,6 +3,7 @@
 mod adapters;
 mod backend;
 mod compare;
+mod info;
 mod outputs;
 mod picture;
 mod solve;
@@ -32,6 +33,7 @@ struct Cli {
 enum Command {
     Solve(solve::Args),
     Visible(visible::Args),
+    Info(info::Args),
     Compare(compare::Args),
     Adapters(adapters::Args),
 }
@@ -47,6 +49,7 @@ pub fn run() -> ExitCode {
     let result: Result<Done> = match Cli::parse().command {
         Command::Solve(args) => solve::run(&args),
         Command::Visible(args) => visible::run(&args),
+        Command::Info(args) => info::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Adapters(_) => adapters::run(),
     };

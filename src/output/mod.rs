@@ -14,7 +14,7 @@ pub use csv::write_csv;
 use glam::DVec3;
 pub use las::write_las;
 pub use npy::write_npy;
-pub use ply::{write_painted, write_ply};
+pub use ply::{needs_double, write_painted, write_ply};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};

@@ -78,7 +78,7 @@ fn write(
     fill: impl Fn(&mut Row, usize) + Sync,
 ) -> Result<()> {
     let n = cloud.len();
-    let double = needs_double(&cloud.positions, cloud.grid.as_ref());
+    let double = needs_double(&cloud.positions) || leaves_grid(cloud);
     let position = if double { "double" } else { "float" };
     let properties: Vec<(&str, &str)> = ["x", "y", "z"]
         .map(|name| (position, name))
@@ -119,16 +119,20 @@ fn header(points: usize, comment: &str, properties: &[(&str, &str)]) -> String {
     )
 }
 
-/// Whether f32 would round coordinates by more than the cloud's detail allows, or off their grid.
-fn needs_double(positions: &[DVec3], grid: Option<&Grid>) -> bool {
+/// Whether f32 would round coordinates by more than the cloud's detail allows.
+pub fn needs_double(positions: &[DVec3]) -> bool {
     let (min, max) = super::finite_box(positions);
     let largest = min.abs().max(max.abs()).max_element();
     let extent = (max - min).length();
-    let step = grid.map_or(f64::INFINITY, |grid| grid.scale.abs().min_element());
-    let rounding = largest * 2f64.powi(-24);
     // Also true for extents of 0 and coordinates beyond f32; an empty box is ±infinity.
     largest.is_finite()
-        && (rounding > MAX_ROUNDING * extent
-            || rounding > 0.5 * step
-            || largest > f64::from(f32::MAX))
+        && (largest * 2f64.powi(-24) > MAX_ROUNDING * extent || largest > f64::from(f32::MAX))
+}
+
+/// Whether f32 would move coordinates to another place on their grid.
+fn leaves_grid(cloud: &PointCloud) -> bool {
+    let (min, max) = super::finite_box(&cloud.positions);
+    let rounding = min.abs().max(max.abs()) * 2f64.powi(-24);
+    let moves = |grid: &Grid| rounding.cmpgt(0.5 * grid.scale.abs()).any();
+    cloud.grid.as_ref().is_some_and(moves)
 }

@@ -2,12 +2,16 @@
 
 mod cells;
 mod cloud;
+mod fingerprint;
 mod neighbours;
 mod rule;
 mod select;
 mod smooth;
 mod surfels;
+mod survey;
 
 pub use cells::{Cells, MAX_EDGES};
 pub use cloud::{DEFAULT_REFLECTANCE, Grid, MAX_COLOUR_REFLECTANCE, PointCloud, Scanner};
+pub(crate) use surfels::check;
 pub use surfels::{Prepared, Surfels};
+pub use survey::Survey;

@@ -29,6 +29,17 @@ impl<'a> Neighbours<'a> {
         Ok(Neighbours { positions, tree })
     }
 
+    /// Distance to the nearest point at another place, among the `count` nearest ones.
+    pub fn distance(&self, i: usize, count: usize) -> Option<f32> {
+        let found = self
+            .tree
+            .query(&self.positions[i].to_array())
+            .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(count))
+            .execute();
+        let nearest = found.iter().map(|item| item.distance).find(|&d| d > 0.0);
+        nearest.map(f32::sqrt)
+    }
+
     /// Puts the `count` nearest neighbours of point i into `near`, nearest first, with their
     /// normals; less those at the place of the point itself.
     pub fn find(&self, i: usize, count: usize, normals: &[Vec3], near: &mut Vec<Neighbour>) {

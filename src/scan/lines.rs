@@ -1,5 +1,6 @@
 //! The lines of a text file, read in blocks and parsed on all threads.
 
+use std::fmt::Display;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -88,9 +89,13 @@ impl<'a, R: Read> Lines<'a, R> {
     }
 
     /// An error in the line before the next.
-    pub fn error(&self, what: impl std::fmt::Display) -> Error {
-        let line = self.number.saturating_sub(1);
-        Error::input(&self.path, format!("line {line}: {what}"))
+    pub fn error(&self, what: impl Display) -> Error {
+        Error::input(&self.path, self.located(what))
+    }
+
+    /// What is wrong, in the line before the next.
+    pub fn located(&self, what: impl Display) -> String {
+        format!("line {}: {what}", self.number.saturating_sub(1))
     }
 
     /// Whole lines that are in memory and not used yet, comments and all; none at the end of the
@@ -168,9 +173,13 @@ impl<'a, R: Read> Lines<'a, R> {
         Ok(done)
     }
 
-    /// Whether the last line has an end; known at the end of the file.
-    pub fn ends_well(&self) -> bool {
-        self.to == 0 || self.buffer[self.to - 1] == self.line_end
+    /// What to say, at the end of a file without any count, if its last line has no end.
+    pub fn doubt(&self) -> Option<String> {
+        let ends_well = self.to == 0 || self.buffer[self.to - 1] == self.line_end;
+        (!ends_well).then(|| {
+            "the last line has no end: if the file is cut short, its last values may be wrong"
+                .to_owned()
+        })
     }
 
     /// Whether a line is neither blank nor a comment.

@@ -1,8 +1,9 @@
 //! Triangles to points: samples that stand for equal shares of the surface.
 //!
 //! The surface is made a line: triangles in Morton order, each walked through by bisection at its
-//! longest edge, which halves the area at every step. Stretches of the line of equal area are
-//! compact pieces of surface; each gets a sample near its middle.
+//! longest edge, which halves the area at every step. Samples lie at equal distances along the line
+//! (systematic sampling, from a random start), moved to the middle of their piece, so that they keep
+//! a distance from each other.
 
 use std::path::Path;
 
@@ -19,8 +20,8 @@ use crate::progress::Progress;
 use crate::random::{Purpose, stream};
 use crate::scene::DEFAULT_POINTS;
 
-/// Triangles are bisected to this part of a sample's share of the area.
-const PIECES: f64 = 16.0;
+/// How far a sample may be from the middle of its piece, relative to the piece.
+const JITTER: f64 = 0.3;
 /// Most bisections of a triangle; more would not change an f64.
 const DEEPEST: u32 = 40;
 
@@ -89,17 +90,29 @@ impl Mesh {
         progress.check()?;
 
         let share = total / wanted;
+        let start: f64 = stream(options.seed, Purpose::Mesh, 0).random();
         let samples: Vec<(&Face, DVec3)> = (0..count)
             .into_par_iter()
             .map(|k| {
-                let along: f64 = stream(options.seed, Purpose::Mesh, k as u64).random();
-                let target = (k as f64 + 0.25 + 0.5 * along) * share;
+                let target = (k as f64 + start) * share;
                 let i = below.partition_point(|&area| area <= target);
-                let face = &faces[i.min(faces.len() - 1)];
-                let start = below[i.min(faces.len() - 1)] - face.area;
-                let inside = ((target - start) / face.area).clamp(0.0, 1.0);
-                let steps = (PIECES * face.area / share).log2().ceil().max(0.0) as u32;
-                (face, face.walk(inside, steps.min(DEEPEST)))
+                let i = i.min(faces.len() - 1);
+                let face = &faces[i];
+                let part = (target - (below[i] - face.area)) / face.area;
+                // Pieces of up to a share, so that no two samples get the same one.
+                let steps = (face.area / share).log2().ceil().max(0.0) as u32;
+                let piece = face.piece(part.clamp(0.0, 1.0), steps.min(DEEPEST));
+                let random = &mut stream(options.seed, Purpose::Mesh, 1 + k as u64);
+                let [u, v] = [(); 2].map(|()| random.random::<f64>());
+                let [u, v] = if u + v > 1.0 {
+                    [1.0 - u, 1.0 - v]
+                } else {
+                    [u, v]
+                };
+                let middle = DVec3::splat(1.0 / 3.0);
+                let inside = middle.lerp(DVec3::new(1.0 - u - v, u, v), JITTER);
+                let [a, b, c] = piece;
+                (face, inside.x * a + inside.y * b + inside.z * c)
             })
             .collect();
         progress.advance(count as u64);
@@ -173,9 +186,9 @@ impl Face {
         a + weights.y * (b - a) + weights.z * (c - a)
     }
 
-    /// The place, as weights of the corners, at a part of the area (0 to 1) along the way through
-    /// the triangle that bisects it so many times.
-    fn walk(&self, mut part: f64, steps: u32) -> DVec3 {
+    /// The piece at a part of the area (0 to 1) along the way through the triangle that bisects it
+    /// so many times: its corners as weights of those of the triangle.
+    fn piece(&self, mut part: f64, steps: u32) -> [DVec3; 3] {
         let mut corners = [DVec3::X, DVec3::Y, DVec3::Z];
         for _ in 0..steps {
             let places = corners.map(|weights| self.at(weights));
@@ -196,6 +209,6 @@ impl Face {
                 [c, b, middle]
             };
         }
-        (corners[0] + corners[1] + corners[2]) / 3.0
+        corners
     }
 }

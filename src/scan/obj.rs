@@ -36,7 +36,8 @@ pub fn read(path: &Path, options: &MeshOptions, progress: &dyn Progress) -> Resu
     } else {
         vertices.reflectance.clear();
     }
-    let cloud = finished(vertices, MAX_COLOUR_REFLECTANCE, Vec::new());
+    let repairs = lines.doubt().into_iter().collect();
+    let cloud = finished(vertices, MAX_COLOUR_REFLECTANCE, repairs);
     let sampled = !triangles.is_empty();
     let format = if sampled {
         format!("OBJ, {count} vertices, {} triangles", triangles.len())

@@ -66,7 +66,7 @@ impl Scene {
                 let mesh = mesh_options(options);
                 let scan = Scan::read(path, &mesh, progress)?;
                 let sampled = scan.sampled;
-                scene.add(path.to_owned(), scan.cloud);
+                scene.add(path.to_owned(), scan);
                 sampled
             };
             has_surfaces |= surfaces;
@@ -83,11 +83,13 @@ impl Scene {
     }
 
     /// Adds the points of a file behind those that are there.
-    fn add(&mut self, path: PathBuf, cloud: PointCloud) {
+    fn add(&mut self, path: PathBuf, scan: Scan) {
         let before = self.cloud.len();
-        append(&mut self.cloud, cloud);
+        append(&mut self.cloud, scan.cloud);
         self.sources.push(Source {
             path,
+            format: scan.format,
+            fields: scan.fields,
             points: before..self.cloud.len(),
         });
     }
@@ -121,12 +123,19 @@ impl Scene {
             let message = "points: there is no [[shape]] to put them on";
             return Err(Error::input(path, message));
         }
+        let shapes = Scan {
+            format: format!("scene file, shapes: {}", file.shape.len()),
+            sampled: has_surfaces,
+            cloud: shapes,
+            ..Scan::default()
+        };
         self.add(path.to_owned(), shapes);
         for table in &file.cloud {
             let scan_path = scan_path(path, table)?;
-            let scan = Scan::read(&scan_path, &table.mesh_options(options), progress)?;
+            let mut scan = Scan::read(&scan_path, &table.mesh_options(options), progress)?;
             has_surfaces |= scan.sampled;
-            self.add(scan_path, place(scan.cloud, table));
+            scan.cloud = place(scan.cloud, table);
+            self.add(scan_path, scan);
         }
         self.lights.extend(file.light.iter().map(PointLight::from));
         self.sky = file.sky.0;

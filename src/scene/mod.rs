@@ -61,6 +61,10 @@ pub struct Scene {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Source {
     pub path: PathBuf,
+    /// What kind of file it is, see [`Scan`](crate::scan::Scan).
+    pub format: String,
+    /// What it says of each point, in its own names.
+    pub fields: Vec<String>,
     /// Its points in the cloud of the scene; of a scene file those of its shapes.
     pub points: Range<usize>,
 }

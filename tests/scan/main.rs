@@ -1,18 +1,33 @@
 //! Reading scans: what is understood, and that nothing else does harm.
 
 mod fuzz;
+mod mesh;
+mod pcd;
+mod ptx;
 mod real;
 mod refused;
+mod text;
 mod understood;
 
 use std::io::Write;
 
 use fmmgi_gpu::progress::Silent;
+use fmmgi_gpu::scan::{MeshOptions, Scan};
 use fmmgi_gpu::{Error, PointCloud, scan};
+use glam::Vec3;
 use tempfile::NamedTempFile;
 
 fn file(bytes: &[u8]) -> NamedTempFile {
-    let mut file = NamedTempFile::new().unwrap();
+    named(bytes, "")
+}
+
+/// A file with an ending.
+fn named(bytes: &[u8], ending: &str) -> NamedTempFile {
+    let ending = match ending {
+        "" => String::new(),
+        ending => format!(".{ending}"),
+    };
+    let mut file = tempfile::Builder::new().suffix(&ending).tempfile().unwrap();
     file.write_all(bytes).unwrap();
     file
 }
@@ -23,7 +38,11 @@ fn read(bytes: &[u8]) -> Result<PointCloud, Error> {
 
 /// The message of the error that reading gives; it must name the file.
 fn error(bytes: &[u8]) -> String {
-    let file = file(bytes);
+    error_named(bytes, "")
+}
+
+fn error_named(bytes: &[u8], ending: &str) -> String {
+    let file = named(bytes, ending);
     let error = scan::read(file.path(), &Silent).expect_err("bad input was read");
     let message = error.to_string();
     assert!(
@@ -32,6 +51,34 @@ fn error(bytes: &[u8]) -> String {
     );
     assert_eq!(error.exit_code(), 1);
     message
+}
+
+/// Reads a file that may be damaged: whatever comes out fits together.
+fn sound(bytes: &[u8], ending: &str) {
+    let options = MeshOptions {
+        faces: true,
+        points: Some(100),
+        ..MeshOptions::default()
+    };
+    for options in [MeshOptions::default(), options] {
+        let file = named(bytes, ending);
+        let Ok(Scan { cloud, .. }) = Scan::read(file.path(), &options, &Silent) else {
+            continue;
+        };
+        let n = cloud.len();
+        assert!(n > 0 && cloud.reflectance.len() == n && cloud.emission.len() == n);
+        for optional in [cloud.normals.len(), cloud.areas.len()] {
+            assert!(optional == 0 || optional == n);
+        }
+        let zero_to_one = |r: &Vec3| r.cmpge(Vec3::ZERO).all() && r.cmple(Vec3::ONE).all();
+        assert!(cloud.reflectance.iter().all(zero_to_one));
+        assert!(
+            cloud
+                .scanners
+                .iter()
+                .all(|s| s.points.end <= n && s.position.is_finite())
+        );
+    }
 }
 
 fn ascii(body: &str) -> Vec<u8> {

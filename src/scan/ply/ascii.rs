@@ -51,7 +51,7 @@ pub fn rows(
             ))));
         };
         if let Err(what) = add_face(line, face, &mut fan) {
-            return Ok(Some(Err(lines.error(what).to_string())));
+            return Ok(Some(Err(lines.located(what))));
         }
     }
     Ok(Some(Ok(fan.triangles)))

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use glam::Vec3;
 use ply_rs::ply::{Encoding, ScalarType};
 
 use super::PlyFile;
@@ -57,9 +58,13 @@ pub fn read(path: &Path, mesh: &MeshOptions, progress: &dyn Progress) -> Result<
             scan.sampled = true;
         }
         Some(Ok(triangles)) => {
+            let normals = Mesh::normals(&scan.cloud.positions, &triangles);
+            if normals.iter().all(|&normal| normal == Vec3::ZERO) {
+                return Ok(scan);
+            }
             let what = format!("no normals: taken from {} triangles", triangles.len());
             scan.cloud.repairs.push(what);
-            scan.cloud.normals = Mesh::normals(&scan.cloud.positions, &triangles);
+            scan.cloud.normals = normals;
         }
         Some(Err(what)) if mesh.faces => return Err(ply.input_error(what)),
         Some(Err(what)) => scan.cloud.repairs.push(format!("faces left out: {what}")),

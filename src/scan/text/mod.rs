@@ -61,12 +61,7 @@ pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
             "{more} points beyond the count of the file taken too"
         ));
     }
-    if more > 0 && !lines.ends_well() {
-        repairs.push(
-            "the last line has no end: if the file is cut short, the last point may be wrong"
-                .to_owned(),
-        );
-    }
+    repairs.extend(lines.doubt().filter(|_| more > 0));
     if table.is_guessed && table.names.len() > 3 {
         let names = table.names.join(" ");
         progress.note(&format!("{}: columns taken as {names}", path.display()));

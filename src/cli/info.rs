@@ -1,0 +1,135 @@
+//! `fmmgi-gpu info`
+
+use std::path::PathBuf;
+
+use fmmgi_gpu::points::Survey;
+use fmmgi_gpu::scene::{SceneOptions, Source};
+use fmmgi_gpu::{Result, Scene};
+use glam::{DVec3, Vec3};
+use serde::Serialize;
+
+use super::Done;
+use super::terminal::{self, Terminal};
+
+/// Tell what is in scans and scene files, what is missing, and what "solve" would do about it.
+///
+/// Lengths are in the unit of the file. A file that cannot be read does not keep the others from
+/// being told.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Scans and scene files (.toml)
+    #[arg(required = true)]
+    inputs: Vec<PathBuf>,
+    /// Take the faces of PLY files as the surface, and make points on them
+    #[arg(long)]
+    mesh: bool,
+    /// Print JSON: a list with an entry for each file, of those in a scene file too
+    #[arg(long)]
+    json: bool,
+}
+
+/// A file and what is in it.
+#[derive(Serialize)]
+struct Report {
+    file: String,
+    format: String,
+    fields: Vec<String>,
+    #[serde(flatten)]
+    survey: Survey,
+    /// Mended while the file was read.
+    repairs: Vec<String>,
+    /// What is missing, and what is done about it.
+    notes: Vec<String>,
+}
+
+pub fn run(args: &Args) -> Result<Done> {
+    terminal::stop_on_ctrl_c();
+    let progress = Terminal::new(args.json, false);
+    let options = SceneOptions {
+        mesh: args.mesh,
+        ..SceneOptions::default()
+    };
+    let mut reports = Vec::new();
+    let mut failure = None;
+    for path in &args.inputs {
+        let looked = Scene::load(path, &options, &progress).and_then(|scene| look(&scene));
+        progress.finish();
+        match looked {
+            Ok(of_file) if args.json => reports.extend(of_file),
+            Ok(of_file) => {
+                for report in of_file {
+                    super::print(&report.in_words())?;
+                }
+            }
+            Err(error) => {
+                // The last one is told by the caller.
+                if let Some(earlier) = failure.replace(error) {
+                    eprintln!("error: {earlier}");
+                }
+            }
+        }
+    }
+    if args.json {
+        let json = serde_json::to_string_pretty(&reports)
+            .map_err(|e| fmmgi_gpu::Error::Invalid(format!("the report: {e}")))?;
+        super::print(&json)?;
+    }
+    failure.map_or(Ok(Done::Well), Err)
+}
+
+/// All files of a scene.
+fn look(scene: &Scene) -> Result<Vec<Report>> {
+    let dark = scene.lights.is_empty() && scene.sky == Vec3::ZERO;
+    let report = |(i, source): (usize, &Source)| {
+        let survey = Survey::of(&scene.cloud, source.points.clone())?;
+        let mut notes = match source.points.is_empty() {
+            true => Vec::new(),
+            false => survey.notes(),
+        };
+        if dark && survey.shining == 0 && i + 1 == scene.sources.len() {
+            notes.push("nothing gives light: add --light or --sky".to_owned());
+        }
+        Ok(Report {
+            file: source.path.display().to_string(),
+            format: source.format.clone(),
+            fields: source.fields.clone(),
+            survey,
+            repairs: match i {
+                0 => scene.cloud.repairs.clone(),
+                _ => Vec::new(),
+            },
+            notes,
+        })
+    };
+    scene.sources.iter().enumerate().map(report).collect()
+}
+
+impl Report {
+    fn in_words(&self) -> String {
+        let survey = &self.survey;
+        let mut lines = vec![
+            self.file.clone(),
+            format!("  format    {}", self.format),
+            format!("  points    {}", survey.points),
+        ];
+        if !self.fields.is_empty() {
+            lines.push(format!("  fields    {}", self.fields.join(" ")));
+        }
+        if let Some([min, max]) = survey.bounds.map(|ends| ends.map(DVec3::from)) {
+            lines.push(format!("  box       {min} .. {max}"));
+            lines.push(format!("  size      {}", max - min));
+        }
+        if let Some(spacing) = survey.spacing {
+            lines.push(format!(
+                "  spacing   {spacing:.3e}, to the nearest point (median)"
+            ));
+        }
+        for place in &survey.scanners {
+            lines.push(format!("  scanner   {}", DVec3::from(*place)));
+        }
+        for (word, texts) in [("repaired", &self.repairs), ("note", &self.notes)] {
+            lines.extend(texts.iter().map(|text| format!("  {word:<9} {text}")));
+        }
+        lines.join("\n")
+    }
+}
