@@ -89,6 +89,22 @@ pub fn check_rays(surfels: usize, rays: u32, free: Option<u64>) -> Result<()> {
 /// to 3,300 (a cave).
 const BYTES_A_POINT: u64 = 1200;
 
+/// Memory that reading takes a point; measured are 55 bytes (LAZ, with colours) to 70 (E57).
+const BYTES_A_POINT_READ: u64 = 70;
+
+/// Refuses a number of points that cannot be held in the memory that is free, before they are read.
+pub fn check_reading(count: u64) -> Result<()> {
+    let needed = count.saturating_mul(BYTES_A_POINT_READ);
+    match available() {
+        Some(free) if needed > free => Err(Error::TooLarge(format!(
+            "{count} points take {} MiB of memory to read, but only {} MiB are free",
+            needed >> 20,
+            free >> 20
+        ))),
+        _ => Ok(()),
+    }
+}
+
 /// Three of the 32 bits of an occluder's number hold the size of its leaf.
 const MOST_POINTS: u64 = (1 << 29) - 1;
 

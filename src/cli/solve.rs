@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 use fmmgi_gpu::illuminate::{RAYS, checks::Checks};
-use fmmgi_gpu::output::{write_atomic, write_ply, write_stats};
+use fmmgi_gpu::output::{self, Format, write_atomic, write_stats};
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
 use fmmgi_gpu::{
     Error, Method, Occlusion, Options, Progress, Result, Scene, Stats, illuminate, memory, render,
@@ -26,8 +26,8 @@ pub struct Args {
     /// Scans, and at most one scene file (.toml)
     #[arg(required = true)]
     inputs: Vec<PathBuf>,
-    /// Write the points with their light
-    #[arg(short, long, value_name = "OUT.ply")]
+    /// Write the points with their light: .ply, .laz, .las, .csv or .npy
+    #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     /// Write a picture
     #[arg(long, value_name = "OUT.png")]
@@ -119,6 +119,7 @@ pub fn run(args: &Args) -> Result<Done> {
         .filter_map(Option::as_deref)
         .collect();
     outputs::check(&args.inputs, &files)?;
+    args.output.as_deref().map(Format::of).transpose()?;
     let options = args.options();
     let chosen = backend::choose(args.backend, args.adapter.as_deref(), options.method)?;
     if let Some(threads) = args.threads {
@@ -163,7 +164,7 @@ pub fn run(args: &Args) -> Result<Done> {
 
     let written = Instant::now();
     if let Some(path) = &args.output {
-        write_ply(path, &scene.cloud, &result.map)?;
+        output::write(path, &scene.cloud, &result.map)?;
     }
     if let (Some(path), Some(png)) = (&args.image, png) {
         write_atomic(path, |writer| writer.write_all(&png))?;

@@ -26,6 +26,8 @@ pub struct PointCloud {
     pub emission: Vec<Vec3>,
     /// Where points were measured from, as far as the source tells; ranges in ascending order.
     pub scanners: Vec<Scanner>,
+    /// The grid that all coordinates lie on, where the source has one.
+    pub grid: Option<Grid>,
     /// Repairs that reading made, each as "count what": shown to the user.
     pub repairs: Vec<String>,
 }
@@ -37,6 +39,16 @@ pub struct Scanner {
     pub position: DVec3,
     /// The points of this scan.
     pub points: Range<usize>,
+}
+
+/// A grid of coordinates, as LAS files have it: a coordinate is `scale` times a 32-bit integer, plus
+/// `offset`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Grid {
+    pub scale: DVec3,
+    pub offset: DVec3,
+    /// What the coordinates refer to: numbers and contents of the records `LASF_Projection`.
+    pub reference: Vec<(u16, Vec<u8>)>,
 }
 
 impl PointCloud {

@@ -11,7 +11,7 @@ mod surfels;
 mod survey;
 
 pub use cells::{Cells, MAX_EDGES};
-pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud, Scanner};
+pub use cloud::{DEFAULT_REFLECTANCE, Grid, MAX_COLOUR_REFLECTANCE, PointCloud, Scanner};
 pub(crate) use surfels::check;
 pub use surfels::{Prepared, Surfels};
 pub use survey::Survey;

@@ -19,6 +19,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::error::{Error, Result};
+use crate::memory;
 use crate::points::{PointCloud, Scanner};
 use crate::progress::Progress;
 
@@ -183,6 +184,18 @@ fn scanner(cloud: &PointCloud, points: Range<usize>, position: DVec3) -> Option<
     let near = position.cmpge(min - around).all() && position.cmple(max + around).all();
     let is_known = position.is_finite() && (position != DVec3::ZERO || near);
     (is_known && !points.is_empty()).then_some(Scanner { position, points })
+}
+
+/// Refuses more points than can be numbered, or than memory holds.
+fn check_count(path: &Path, points: u64) -> Result<()> {
+    let in_file = |what: String| Err(Error::TooLarge(format!("{}: {what}", path.display())));
+    if points > u64::from(u32::MAX) {
+        return in_file(format!(
+            "{points} points; at most {} are possible",
+            u32::MAX
+        ));
+    }
+    memory::check_reading(points).or_else(|error| in_file(error.to_string()))
 }
 
 /// Opens a regular file; its length comes with it.

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use glam::Vec3;
+use glam::{DQuat, DVec3, Vec3};
 
 use super::file::{CloudTable, SceneFile};
 use super::sample::sample_model;
@@ -12,7 +12,7 @@ use super::surface::Model;
 use super::{PointLight, Scene, SceneOptions, Source};
 use crate::error::{Error, Result};
 use crate::memory;
-use crate::points::{DEFAULT_REFLECTANCE, PointCloud, Scanner};
+use crate::points::{DEFAULT_REFLECTANCE, Grid, PointCloud, Scanner};
 use crate::progress::Progress;
 use crate::scan::{MeshOptions, Scan};
 
@@ -239,6 +239,9 @@ fn scan_path(scene_file: &Path, table: &CloudTable) -> Result<PathBuf> {
 fn place(mut cloud: PointCloud, table: &CloudTable) -> PointCloud {
     let scale = table.scale.map_or(1.0, |s| s.0);
     let turn = table.rotate.0;
+    if scale != 1.0 || turn != DQuat::IDENTITY || table.translate.0 != DVec3::ZERO {
+        cloud.grid = None;
+    }
     for p in &mut cloud.positions {
         *p = turn * (*p * scale) + table.translate.0;
     }
@@ -292,6 +295,14 @@ fn append(cloud: &mut PointCloud, more: PointCloud) {
     } else {
         cloud.areas.extend(more.areas);
     }
+    // Grids that differ only in where they begin are taken for one.
+    let alike = |a: &Grid, b: &Grid| a.scale == b.scale && a.reference == b.reference;
+    cloud.grid = match (cloud.grid.take(), more.grid) {
+        (_, grid) if before == 0 => grid,
+        (grid, _) if added == 0 => grid,
+        (Some(a), Some(b)) if alike(&a, &b) => Some(a),
+        _ => None,
+    };
     cloud.positions.extend(more.positions);
     let shifted = more.scanners.into_iter().map(|scanner| Scanner {
         points: scanner.points.start + before..scanner.points.end + before,
@@ -318,6 +329,7 @@ mod tests {
                 position: dvec3(0.0, 1.0, 0.0),
                 points: 0..1,
             }],
+            grid: None,
             repairs: vec!["1 repair".into()],
         }
     }
