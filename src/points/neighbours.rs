@@ -46,4 +46,19 @@ impl<'a> Neighbours<'a> {
             });
         }
     }
+
+    /// Puts the `count` nearest neighbours of point i into `near`, nearest first: their indices, and
+    /// their positions relative to the point; less those at the place of the point itself.
+    pub fn nearest(&self, i: usize, count: usize, near: &mut Vec<(u32, DVec3)>) {
+        let found = self
+            .tree
+            .query(&self.positions[i].to_array())
+            .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(count))
+            .execute();
+        near.clear();
+        near.extend(found.iter().filter(|item| item.distance > 0.0).map(|item| {
+            let offset = self.positions[item.item as usize] - self.positions[i];
+            (item.item as u32, offset.as_dvec3())
+        }));
+    }
 }

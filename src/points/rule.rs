@@ -85,7 +85,8 @@ fn roughness_and_spacing(normals: &[Vec3], neighbours: &Neighbours) -> (f64, f64
     )
 }
 
-fn median(mut values: Vec<f64>) -> Option<f64> {
+/// The upper one of two middle values; `None` of nothing.
+pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
