@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::PointCloud;
 use super::neighbours::Neighbours;
-use super::orient::{self, Facing};
+use super::orient::{self, Facing, Told};
 use super::plane::Plane;
 use super::rule::median;
 use super::select::middle;
@@ -87,9 +87,12 @@ impl PointCloud {
         let (mut local, linked) = planes(&positions, &given, &neighbours, count, progress)?;
         own_sides(&given, &neighbours, count, &mut local, progress)?;
         let viewpoint = |k: usize| facing.viewpoint(self, points[k] as usize).map(|v| v - origin);
-        let told = orient::orient(
-            &positions, &given, &mut local, &linked, facing, &viewpoint, progress,
-        )?;
+        let told = Told {
+            given: &given,
+            facing,
+            viewpoint: &viewpoint,
+        };
+        let told = orient::orient(&positions, &mut local, &linked, &told, progress)?;
         for (&i, local) in points.iter().zip(&local) {
             if !known(&self.normals[i as usize]) {
                 self.normals[i as usize] = local.normal;

@@ -1,9 +1,12 @@
 //! Which side of the surface is lit.
 //!
-//! Signs spread from neighbour to neighbour, first where they are surest (H. Hoppe et al., "Surface
-//! reconstruction from unorganized points", 1992): a maximal spanning tree. Points with given normals
-//! and points that a scanner saw are part of the tree from the start. Whole parts that have neither
-//! are turned by what is seen from their sides ([`sides`](super::sides)).
+//! Signs spread from neighbour to neighbour, first where they are surest: a maximal spanning tree (H.
+//! Hoppe et al., "Surface reconstruction from unorganized points", 1992), but of patches, between
+//! which all neighbours vote. Points with given normals and points that a scanner saw are in the tree
+//! from the start. What has neither is turned by what is seen from its sides
+//! ([`sides`]).
+
+use std::collections::HashMap;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -39,73 +42,119 @@ impl Facing {
     }
 }
 
-/// Levels of sureness that are told apart.
-const LEVELS: usize = 1024;
 /// Neighbours nearer than this part of the spacing have no direction between them.
 const TOGETHER: f64 = 0.1;
+/// Neighbours that agree as well as this, and whose normals do, are of one patch.
+const ONE_PATCH: f64 = 0.95;
+/// A scanner says to which side a surface points that it saw at a larger cosine.
+const SEEN: f64 = 0.3;
+/// Points done between two looks at whether the work should stop.
+const BLOCK: usize = 1 << 16;
+
+/// What orientations are told by.
+pub(super) struct Told<'a> {
+    pub given: &'a [Option<Vec3>],
+    pub facing: &'a Facing,
+    /// From where a point was seen.
+    pub viewpoint: &'a (dyn Fn(usize) -> Option<DVec3> + Sync),
+}
 
 /// Turns the normals of points without a given one, and says how.
 pub(super) fn orient(
     positions: &[Vec3],
-    given: &[Option<Vec3>],
     local: &mut [Local],
     linked: &[[u32; LINKED]],
-    facing: &Facing,
-    viewpoint: &(dyn Fn(usize) -> Option<DVec3> + Sync),
+    told: &Told,
     progress: &dyn Progress,
 ) -> Result<String> {
     let n = positions.len();
     progress.stage("orientation", 1);
-    let seen = |i: usize| {
-        let to = (viewpoint(i)? - positions[i].as_dvec3()).try_normalize()?;
-        Some(to.dot(local[i].normal.as_dvec3()))
-    };
-    let root = n as u32;
-    let edges = Edges::sorted(n, &|i| {
-        // What is known of the point itself, then its neighbours.
-        let own = given[i].map(|_| 1.0).or_else(|| seen(i));
-        let others = linked[i].map(|j| {
-            let twice = j < i as u32 && linked[j as usize].contains(&(i as u32));
-            (j != NOBODY && !twice).then(|| agreement(positions, local, i, j as usize))
-        });
-        std::array::from_fn(|k| match k {
-            0 => own,
-            k => others[k - 1],
-        })
-    });
-    progress.check()?;
-    let mut parts = Parts::new(n + 1);
-    for (i, slot, sign) in edges.iter() {
-        let other = match slot {
-            0 => root,
-            k => linked[i as usize][k - 1],
-        };
-        parts.join(i, other, sign);
-    }
-    let found: Vec<(u32, bool)> = (0..=root).map(|i| parts.find(i)).collect();
+    let mut patches = relative(positions, local, linked, told, progress)?;
+    let found = patches.all();
     let (known, root_flipped) = found[n];
-    // The tree's own sign first; then the points that hang on the root are right.
-    for (l, &(part, flipped)) in local.iter_mut().zip(&found) {
-        if flipped != (part == known && root_flipped) {
+    // Relative to its patch each sign is right now, and in that of the root absolutely.
+    for (l, &(patch, flipped)) in local.iter_mut().zip(&found) {
+        if flipped != (patch == known && root_flipped) {
             l.flip();
         }
     }
-    let part_of: Vec<u32> = found[..n].iter().map(|f| f.0).collect();
-    let free = part_of.iter().filter(|&&part| part != known).count();
-    let by_known = match facing {
+    let patch_of: Vec<u32> = found[..n].iter().map(|f| f.0).collect();
+    let free = patch_of.iter().filter(|&&patch| patch != known).count();
+    let by_known = match told.facing {
+        _ if told.given.iter().any(Option::is_some) => "turned as the given ones",
         Facing::Viewpoint(_) => "turned to the viewpoint",
-        _ if given.iter().any(Option::is_some) => "turned as the given ones",
         _ => "turned to the scanner",
     };
     if free == 0 {
         return Ok(by_known.into());
     }
     let decided = (free < n).then_some(known);
-    let told = sides::turn(positions, local, &part_of, decided, facing, progress)?;
+    let by_sides = sides::turn(positions, local, &patch_of, decided, told.facing, progress)?;
     Ok(match decided {
-        Some(_) => format!("{by_known}, {free} without connection to them {told}"),
-        None => told,
+        Some(_) => format!("{by_known}, {free} apart from those {by_sides}"),
+        None => by_sides,
     })
+}
+
+/// The signs of all points relative to each other, and to what is known: that is point n.
+fn relative(
+    positions: &[Vec3],
+    local: &[Local],
+    linked: &[[u32; LINKED]],
+    told: &Told,
+    progress: &dyn Progress,
+) -> Result<Patches> {
+    let n = positions.len();
+    let root = n as u32;
+    let mut patches = Patches::new(n + 1);
+    let seen = |i: usize| match told.given[i] {
+        Some(_) => Some(1.0),
+        None => {
+            let way = (told.viewpoint)(i)? - positions[i].as_dvec3();
+            Some(way.try_normalize()?.dot(local[i].normal.as_dvec3()))
+        }
+    };
+    for i in 0..n {
+        if let Some(cos) = seen(i).filter(|cos| cos.abs() > SEEN) {
+            patches.join(i as u32, root, cos < 0.0);
+        }
+    }
+    let linked_to = |i: usize| linked[i].iter().copied().filter(|&j| j != NOBODY);
+    for begin in (0..n).step_by(BLOCK) {
+        progress.check()?;
+        let sure: Vec<(u32, u32, bool)> = (begin..(begin + BLOCK).min(n))
+            .into_par_iter()
+            .flat_map_iter(|i| {
+                linked_to(i).filter_map(move |j| {
+                    let sure = agreement(positions, local, i, j as usize);
+                    let cos = local[i].normal.dot(local[j as usize].normal);
+                    (sure.abs() > ONE_PATCH && f64::from(cos.abs()) > ONE_PATCH)
+                        .then_some((i as u32, j, sure < 0.0))
+                })
+            })
+            .collect();
+        for (i, j, opposite) in sure {
+            patches.join(i, j, opposite);
+        }
+    }
+    let found = &patches.all();
+    let votes = (0..n)
+        .into_par_iter()
+        .flat_map_iter(|i| {
+            let others = linked_to(i).filter(move |&j| found[i].0 != found[j as usize].0);
+            others.map(move |j| (i as u32, j, agreement(positions, local, i, j as usize)))
+        })
+        .chain(
+            (0..n)
+                .into_par_iter()
+                .filter(|&i| found[i].0 != found[n].0)
+                .filter_map(|i| Some((i as u32, root, seen(i)?))),
+        )
+        .collect();
+    progress.check()?;
+    patches.vote(votes);
+
+    Ok(patches)
 }
 
 impl Local {
@@ -133,63 +182,24 @@ fn agreement(positions: &[Vec3], local: &[Local], i: usize, j: usize) -> f64 {
     cos - 2.0 * way.dot(n) * way.dot(m)
 }
 
-/// Edges of the graph, the surest first.
-struct Edges {
-    /// Point and slot in one number; the last bit is set where the two signs are opposite.
-    packed: Vec<u64>,
-}
-
-/// What is known of a point itself, and its neighbours.
-const SLOTS: usize = 1 + LINKED;
-
-impl Edges {
-    fn sorted(
-        n: usize,
-        sureness: &(dyn Fn(usize) -> [Option<f64>; SLOTS] + Sync),
-    ) -> Edges {
-        let mut packed: Vec<u64> = (0..n)
-            .into_par_iter()
-            .flat_map_iter(|i| {
-                let slots = sureness(i).into_iter().enumerate();
-                slots.filter_map(move |(slot, sure)| {
-                    let sure = sure?;
-                    let level = ((1.0 - sure.abs()).max(0.0) * LEVELS as f64) as u64;
-                    let edge = (i * SLOTS + slot) as u64;
-                    Some(level << 48 | edge << 1 | u64::from(sure < 0.0))
-                })
-            })
-            .collect();
-        packed.par_sort_unstable();
-        Edges { packed }
-    }
-
-    /// Point, slot, and whether the signs are opposite.
-    fn iter(&self) -> impl Iterator<Item = (u32, usize, bool)> {
-        self.packed.iter().map(|&packed| {
-            let edge = (packed << 16 >> 17) as usize;
-            ((edge / SLOTS) as u32, edge % SLOTS, packed & 1 == 1)
-        })
-    }
-}
-
-/// Parts of the graph that hang together, with the sign of each point relative to its part.
-struct Parts {
+/// Points whose signs are known relative to each other.
+struct Patches {
     parents: Vec<u32>,
     /// Whether a point has the sign opposite to its parent's.
     opposite: Vec<bool>,
     sizes: Vec<u32>,
 }
 
-impl Parts {
-    fn new(n: usize) -> Parts {
-        Parts {
+impl Patches {
+    fn new(n: usize) -> Patches {
+        Patches {
             parents: (0..n as u32).collect(),
             opposite: vec![false; n],
             sizes: vec![1; n],
         }
     }
 
-    /// The part of a point, and whether its sign is opposite to that of the part.
+    /// The patch of a point, and whether its sign is opposite to that of the patch.
     fn find(&mut self, mut i: u32) -> (u32, bool) {
         let mut opposite = false;
         loop {
@@ -211,7 +221,7 @@ impl Parts {
         }
     }
 
-    /// Joins the parts of two points whose signs are opposite or the same.
+    /// Joins the patches of two points whose signs are opposite or the same.
     fn join(&mut self, i: u32, j: u32, opposite: bool) {
         let ((a, flip_a), (b, flip_b)) = (self.find(i), self.find(j));
         if a == b {
@@ -224,5 +234,50 @@ impl Parts {
         self.parents[small as usize] = large;
         self.opposite[small as usize] = opposite ^ flip_a ^ flip_b;
         self.sizes[large as usize] += self.sizes[small as usize];
+    }
+
+    fn all(&mut self) -> Vec<(u32, bool)> {
+        (0..self.parents.len() as u32).map(|i| self.find(i)).collect()
+    }
+
+    /// Joins patches as pairs of their points say, who agree (1) or not (-1): each patch with the one
+    /// that has most to say about it, then what came out of that (Borůvka's algorithm, with votes added
+    /// up between patches).
+    fn vote(&mut self, mut votes: Vec<(u32, u32, f64)>) {
+        loop {
+            for (i, j, agree) in &mut votes {
+                let ((a, flip_a), (b, flip_b)) = (self.find(*i), self.find(*j));
+                (*i, *j) = (a.min(b), a.max(b));
+                *agree = if flip_a != flip_b { -*agree } else { *agree };
+            }
+            votes.retain(|&(a, b, _)| a != b);
+            votes.par_sort_by_key(|&(a, b, _)| (a, b));
+            votes.dedup_by(|next, sum| {
+                let same = (next.0, next.1) == (sum.0, sum.1);
+                sum.2 += if same { next.2 } else { 0.0 };
+                same
+            });
+            if votes.is_empty() {
+                return;
+            }
+            let mut best: HashMap<u32, usize> = HashMap::new();
+            for (k, &(a, b, agree)) in votes.iter().enumerate() {
+                for patch in [a, b] {
+                    let best = best.entry(patch).or_insert(k);
+                    if votes[*best].2.abs() < agree.abs() {
+                        *best = k;
+                    }
+                }
+            }
+            let mut chosen: Vec<usize> = best.into_values().collect();
+            chosen.sort_unstable_by(|&k, &l| {
+                let sureness = |k: usize| votes[k].2.abs();
+                sureness(l).total_cmp(&sureness(k)).then(k.cmp(&l))
+            });
+            for k in chosen {
+                let (a, b, agree) = votes[k];
+                self.join(a, b, agree < 0.0);
+            }
+        }
     }
 }

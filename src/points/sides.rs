@@ -20,7 +20,7 @@ const COARSE: usize = 40_000;
 const CHOSEN_FROM: usize = 400_000;
 /// Points of the largest part, and of every other one, from which rays are cast.
 const FROM_LARGEST: usize = 4000;
-const FROM_OTHERS: usize = 32;
+const FROM_OTHERS: usize = 16;
 /// Rays to each side of each of them.
 const RAYS: u64 = 16;
 /// The outside of an object is seen from outside; where more than this part of it is not, the cloud is a
@@ -58,6 +58,7 @@ pub(super) fn turn(
     let mut outward = false;
     let mut told = "turned to where they can have been seen from";
     let mut flipped: HashMap<u32, bool> = HashMap::with_capacity(parts.len());
+    let seen_by = seen_by(&views);
     for &(part, _) in &parts {
         let view = &views[&part];
         let flip = if Some(part) == decided {
@@ -68,7 +69,7 @@ pub(super) fn turn(
             (side, outward, told) = of_largest(view, points, positions, local, facing);
             side
         } else {
-            of_other(part, view, &views, &flipped, outward)
+            of_other(part, view, &seen_by[&part], &flipped, outward)
         };
         flipped.insert(part, flip);
     }
@@ -131,11 +132,38 @@ fn of_largest(
     (up < 0.0, true, "turned up (--normals viewpoint:X,Y,Z tells where it was seen from)")
 }
 
+/// Rays from one side of a part that meet another one.
+struct Sight {
+    by: u32,
+    side: usize,
+    front: bool,
+    count: usize,
+}
+
+/// By whom each part is seen.
+fn seen_by(views: &BTreeMap<u32, Views>) -> HashMap<u32, Vec<Sight>> {
+    let mut seen_by: HashMap<u32, Vec<Sight>> =
+        views.keys().map(|&part| (part, Vec::new())).collect();
+    for (&by, view) in views {
+        for (side, hits) in view.hits.iter().enumerate() {
+            for (&(part, front), &count) in hits {
+                seen_by.entry(part).or_default().push(Sight {
+                    by,
+                    side,
+                    front,
+                    count,
+                });
+            }
+        }
+    }
+    seen_by
+}
+
 /// Whether another part is to be flipped: it should see fronts, and fronts should see its front.
 fn of_other(
     part: u32,
     view: &Views,
-    views: &BTreeMap<u32, Views>,
+    seen_by: &[Sight],
     flipped: &HashMap<u32, bool>,
     outward: bool,
 ) -> bool {
@@ -152,10 +180,11 @@ fn of_other(
             }
         }
         // Of the many rays of a large part few meet a small one, but those count.
-        for (other, &flip) in flipped {
-            let hits = &views[other].hits[usize::from(flip)];
-            let met = |front: bool| hits.get(&(part, front)).copied().unwrap_or(0) as f64;
-            score += met(!own) - met(own);
+        for sight in seen_by {
+            if flipped.get(&sight.by).is_some_and(|&flip| sight.side == usize::from(flip)) {
+                let count = sight.count as f64;
+                score += if sight.front != own { count } else { -count };
+            }
         }
         score
     };

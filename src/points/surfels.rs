@@ -7,7 +7,7 @@ use super::cells::Cell;
 use super::neighbours::Neighbours;
 use super::rule::SurfaceRule;
 use super::select::select;
-use super::smooth::smoothed;
+use super::smooth::{settled, smoothed};
 use super::{Cells, PointCloud};
 use crate::error::{Error, Result};
 use crate::memory;
@@ -72,6 +72,8 @@ impl Prepared {
 
 /// Cells made between two looks at whether the work should stop.
 const BLOCK: usize = 1 << 16;
+/// Times that points are moved at most.
+const MOVES: usize = 3;
 /// Neighbours that a cell is made from.
 const NEIGHBOURS: usize = 24;
 
@@ -113,8 +115,25 @@ impl Surfels {
     fn make_cells(&mut self, repairs: &mut Vec<String>, progress: &dyn Progress) -> Result<()> {
         let n = self.len();
         progress.stage("cells", n as u64);
-        let neighbours = Neighbours::new(&self.positions)?;
+        let mut neighbours = Neighbours::new(&self.positions)?;
         let mut rule = SurfaceRule::measure(&self.normals, &neighbours);
+        let scattered = rule.noise;
+        for _ in 0..MOVES {
+            let Some(moved) = settled(&self.positions, &self.normals, &neighbours, &rule) else {
+                break;
+            };
+            drop(neighbours);
+            self.positions = moved;
+            neighbours = Neighbours::new(&self.positions)?;
+            rule = SurfaceRule::measure(&self.normals, &neighbours);
+        }
+        if rule.noise < scattered {
+            repairs.push(format!(
+                "points that scatter about their surface: moved onto it, from {scattered:.2} to {:.2} \
+                 spacings off",
+                rule.noise
+            ));
+        }
         if let Some((normals, smoother)) = smoothed(&self.normals, &neighbours, &rule) {
             repairs.push(format!(
                 "normals that scatter: smoothed, from {:.1} to {:.1} degrees off the positions",
