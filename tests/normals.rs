@@ -84,8 +84,7 @@ fn shapes() -> Vec<Shape> {
     let mut cornell = built_in("cornell", 20_000);
     let mut organic = built_in("organic", 20_000);
     let mut cave = built_in("cave", 30_000);
-    let [room, organic_area, cave_area] =
-        [&mut cornell, &mut organic, &mut cave].map(take_area);
+    let [room, organic_area, cave_area] = [&mut cornell, &mut organic, &mut cave].map(take_area);
     let shape = |name, cloud, area, facing| Shape {
         name,
         cloud,
@@ -93,11 +92,31 @@ fn shapes() -> Vec<Shape> {
         facing,
     };
     vec![
-        shape("sphere", sphere(10_000, 1.0, false, 1), 4.0 * PI, Facing::Outward),
+        shape(
+            "sphere",
+            sphere(10_000, 1.0, false, 1),
+            4.0 * PI,
+            Facing::Outward,
+        ),
         shape("box", cube(41, 0.9, false, 1), 6.0, Facing::Outward),
-        shape("torus", torus(10_000, 1), 4.0 * PI * PI * 0.4, Facing::Outward),
-        shape("wall, 6 spacings", wall(60, 6.0), 2.0 + 24.0 / 60.0, Facing::Outward),
-        shape("wall, 2 spacings", wall(60, 2.0), 2.0 + 8.0 / 60.0, Facing::Outward),
+        shape(
+            "torus",
+            torus(10_000, 1),
+            4.0 * PI * PI * 0.4,
+            Facing::Outward,
+        ),
+        shape(
+            "wall, 6 spacings",
+            wall(60, 6.0),
+            2.0 + 24.0 / 60.0,
+            Facing::Outward,
+        ),
+        shape(
+            "wall, 2 spacings",
+            wall(60, 2.0),
+            2.0 + 8.0 / 60.0,
+            Facing::Outward,
+        ),
         shape("cornell", cornell, room, Facing::Inward),
         shape("organic", organic, organic_area, Facing::Inward),
         shape("cave", cave, cave_area, Facing::Inward),
@@ -156,13 +175,22 @@ fn measured(cloud: &PointCloud, area: f64, facing: &Facing) -> Found {
 
 #[test]
 fn noise_tilts_normals_no_more_than_it_must() {
-    for Shape { name, cloud, area, facing } in shapes() {
+    for Shape {
+        name,
+        cloud,
+        area,
+        facing,
+    } in shapes()
+    {
         let spacing = (area / cloud.len() as f64).sqrt();
         for noise in [0.0, 0.1, 0.5, 1.0] {
             let found = measured(&shaken(&cloud, noise * spacing, 5), area, &facing);
             println!(
                 "{name:18} noise {noise:3}: median {:5.2} p95 {:6.2} degrees, wrong signs {:6.3}%, area {:+.1}%",
-                found.median, found.p95, 100.0 * found.wrong, 100.0 * found.area
+                found.median,
+                found.p95,
+                100.0 * found.wrong,
+                100.0 * found.area
             );
         }
     }

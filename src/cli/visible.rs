@@ -8,6 +8,7 @@ use fmmgi_gpu::links::Thresholds;
 use fmmgi_gpu::octree::Octree;
 use fmmgi_gpu::output::{write_atomic, write_painted};
 use fmmgi_gpu::passes::gpu::{Gpu, GpuPointVisibility, GpuVisibility};
+use fmmgi_gpu::points::Facing;
 use fmmgi_gpu::render::tone::tone_map;
 use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::visibility::{
@@ -98,13 +99,17 @@ pub fn run(args: &Args) -> Result<Done> {
         points: args.points.map(NonZeroUsize::get),
         seed: args.seed,
     };
-    let scene = Scene::load(&args.input, &options, &progress)?;
+    let mut scene = Scene::load(&args.input, &options, &progress)?;
     for source in &scene.sources {
         outputs::spare(source, &files)?;
     }
     progress.note(&format!("backend: {}", chosen.describe()));
 
     let about = |error: Error| error.about(&args.input);
+    let cloud = &mut scene.cloud;
+    cloud
+        .estimate_normals(&Facing::Auto, &progress)
+        .map_err(about)?;
     let prepared = Surfels::prepare(&scene.cloud, &progress).map_err(about)?;
     let (octree, surfels) = Octree::build(&prepared.surfels, LEAF_SIZE);
     let from = nearest(&surfels, args.from);

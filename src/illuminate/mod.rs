@@ -21,7 +21,7 @@ use crate::map::IlluminationMap;
 use crate::octree::{LEAF_SIZE, Octree};
 use crate::operator::{Fmm, GpuFmm};
 use crate::passes::gpu::{self, Gpu, GpuPointVisibility, GpuVisibility};
-use crate::points::Surfels;
+use crate::points::{self, Prepared, Surfels, Thinning};
 use crate::progress::Progress;
 use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
 use crate::visibility::{
@@ -77,6 +77,8 @@ pub struct Options {
     pub rays: Option<u32>,
     /// Seed of all samples: the same seed gives the same bits.
     pub seed: u64,
+    /// Fewer points to do the work with.
+    pub thinning: Thinning,
 }
 
 /// The map and what it took.
@@ -127,15 +129,27 @@ pub fn illuminate(
     check(scene, tolerance)?;
     check_options(options, &backend)?;
     let mut clock = Clock::start();
-    let prepared = Surfels::prepare(&scene.cloud, progress)?;
+    let mut prepared = Surfels::prepare_fewer(&scene.cloud, &options.thinning, progress)?;
     let prepare = clock.lap();
     progress.stage("octree", 1);
     let (order, leaf_size) = expansions(options, tolerance, prepared.surfels.len(), &backend)?;
-    let (octree, surfels) = Octree::build(&prepared.surfels, leaf_size);
-    let occluders = match options.occlusion {
-        Occlusion::Surfels => Some(Occluders::build(&surfels)),
-        Occlusion::None => None,
+    let build = |prepared: &Prepared| {
+        let (octree, surfels) = Octree::build(&prepared.surfels, leaf_size);
+        let occluders = match options.occlusion {
+            Occlusion::Surfels => Some(Occluders::build(&surfels)),
+            Occlusion::None => None,
+        };
+        (octree, surfels, occluders)
     };
+    let (mut octree, mut surfels, mut occluders) = build(&prepared);
+    if let Some(occluders_of_all) = &occluders {
+        let buried = points::buried(&surfels, occluders_of_all);
+        if !buried.is_empty() {
+            let of_cloud: Vec<u32> = buried.iter().map(|&s| surfels.points[s as usize]).collect();
+            prepared.leave_out_buried(&of_cloud, progress)?;
+            (octree, surfels, occluders) = build(&prepared);
+        }
+    }
     let octree_seconds = clock.lap();
 
     let method = choose(options, &backend, surfels.len());

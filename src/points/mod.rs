@@ -1,19 +1,26 @@
 //! Points and what they stand for: surfels with their cells.
 
+mod buried;
 mod cells;
 mod cloud;
 mod neighbours;
 mod normals;
 mod orient;
 mod plane;
+mod prepare;
+mod quality;
 mod rule;
 mod select;
 mod sides;
 mod smooth;
+mod strays;
 mod surfels;
 mod thin;
 
+pub use buried::buried;
 pub use cells::{Cells, MAX_EDGES};
 pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
 pub use orient::Facing;
-pub use surfels::{Prepared, Surfels};
+pub use prepare::{Prepared, Thinning};
+pub use quality::Quality;
+pub use surfels::Surfels;

@@ -86,7 +86,11 @@ impl PointCloud {
         let count = neighbours_for(&positions, &neighbours);
         let (mut local, linked) = planes(&positions, &given, &neighbours, count, progress)?;
         own_sides(&given, &neighbours, count, &mut local, progress)?;
-        let viewpoint = |k: usize| facing.viewpoint(self, points[k] as usize).map(|v| v - origin);
+        let viewpoint = |k: usize| {
+            facing
+                .viewpoint(self, points[k] as usize)
+                .map(|v| v - origin)
+        };
         let told = Told {
             given: &given,
             facing,

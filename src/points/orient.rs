@@ -42,8 +42,9 @@ impl Facing {
     }
 }
 
-/// Neighbours nearer than this part of the spacing have no direction between them.
-const TOGETHER: f64 = 0.1;
+/// How far points of a plane are off, of its roughness and of the spacing.
+const UNSURE: f64 = 0.5;
+const TOGETHER: f64 = 0.05;
 /// Neighbours that agree as well as this, and whose normals do, are of one patch.
 const ONE_PATCH: f64 = 0.95;
 /// A scanner says to which side a surface points that it saw at a larger cosine.
@@ -128,8 +129,11 @@ fn relative(
                 linked_to(i).filter_map(move |j| {
                     let sure = agreement(positions, local, i, j as usize);
                     let cos = local[i].normal.dot(local[j as usize].normal);
-                    (sure.abs() > ONE_PATCH && f64::from(cos.abs()) > ONE_PATCH)
-                        .then_some((i as u32, j, sure < 0.0))
+                    (sure.abs() > ONE_PATCH && f64::from(cos.abs()) > ONE_PATCH).then_some((
+                        i as u32,
+                        j,
+                        sure < 0.0,
+                    ))
                 })
             })
             .collect();
@@ -165,21 +169,22 @@ impl Local {
 }
 
 /// How surely the normals of two neighbours point to the same side, from 1 to -1, which is to opposite
-/// ones: on a circular arc through both, one normal is the mirror image of the other.
+/// ones: on a circular arc through both, one normal is the mirror image of the other. The nearer they
+/// are, the less noise leaves of the direction between them.
 fn agreement(positions: &[Vec3], local: &[Local], i: usize, j: usize) -> f64 {
     let [(p, n, s), (q, m, t)] = [i, j].map(|k| {
         let l = &local[k];
         let normal = l.normal.as_dvec3();
         let on_surface = positions[k].as_dvec3() - normal * f64::from(l.height);
-        (on_surface, normal, f64::from(l.spacing))
+        (
+            on_surface,
+            normal,
+            UNSURE * f64::from(l.rms) + TOGETHER * f64::from(l.spacing),
+        )
     });
-    let between = q - p;
-    let cos = n.dot(m);
-    if between.length() <= TOGETHER * s.min(t) {
-        return cos;
-    }
-    let way = between.normalize();
-    cos - 2.0 * way.dot(n) * way.dot(m)
+    let way = q - p;
+    let size = way.length_squared() + (0.5 * (s + t)).powi(2);
+    n.dot(m) - 2.0 * way.dot(n) * way.dot(m) / size.max(f64::MIN_POSITIVE)
 }
 
 /// Points whose signs are known relative to each other.
@@ -237,7 +242,9 @@ impl Patches {
     }
 
     fn all(&mut self) -> Vec<(u32, bool)> {
-        (0..self.parents.len() as u32).map(|i| self.find(i)).collect()
+        (0..self.parents.len() as u32)
+            .map(|i| self.find(i))
+            .collect()
     }
 
     /// Joins patches as pairs of their points say, who agree (1) or not (-1): each patch with the one

@@ -26,7 +26,14 @@ impl Plane {
         let mut m = [0.0; 6];
         for p in places {
             let d = p - centre;
-            let terms = [d.x * d.x, d.y * d.y, d.z * d.z, d.x * d.y, d.x * d.z, d.y * d.z];
+            let terms = [
+                d.x * d.x,
+                d.y * d.y,
+                d.z * d.z,
+                d.x * d.y,
+                d.x * d.z,
+                d.y * d.z,
+            ];
             m.iter_mut().zip(terms).for_each(|(m, t)| *m += t);
         }
         let (normal, variances) = least_axis(m.map(|m| m / count));
@@ -133,7 +140,10 @@ mod tests {
                 let residual = (m * axis - axis * (values[0] * scale)).length();
                 assert!(residual <= 1e-7 * scale, "{values:?}: {residual:e}");
                 for (a, b) in found.iter().zip(values) {
-                    assert!((a - b * scale).abs() <= 1e-12 * 3.0 * scale, "{found:?} {values:?}");
+                    assert!(
+                        (a - b * scale).abs() <= 1e-12 * 3.0 * scale,
+                        "{found:?} {values:?}"
+                    );
                 }
             }
         }

@@ -79,9 +79,18 @@ fn roughness_noise_and_spacing(normals: &[Vec3], neighbours: &Neighbours) -> [f6
                     let length = n.offset.length();
                     let height = 0.5 * (normal + n.normal).dot(n.offset);
                     let slope = height.abs() / length;
-                    (slopes + slope, heights + height, lengths + length, count + 1.0)
+                    (
+                        slopes + slope,
+                        heights + height,
+                        lengths + length,
+                        count + 1.0,
+                    )
                 });
-            let means = [slopes, heights.abs() / lengths.max(f64::MIN_POSITIVE), lengths];
+            let means = [
+                slopes,
+                heights.abs() / lengths.max(f64::MIN_POSITIVE),
+                lengths,
+            ];
             (count > 0.0).then(|| [means[0] / count, means[1], means[2] / count])
         })
         .collect();

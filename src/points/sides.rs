@@ -122,14 +122,23 @@ fn of_largest(
         // The side that is seen from outside is the lit one, if all of it is seen.
         let out = usize::from(unseen[1] < unseen[0]);
         let outward = unseen[out] <= UNSEEN;
-        return ((out == 1) == outward, outward, if outward { OUTWARD } else { INWARD });
+        return (
+            (out == 1) == outward,
+            outward,
+            if outward { OUTWARD } else { INWARD },
+        );
     }
     if (escaped[0] - escaped[1]).abs() > ALIKE {
         // An open surface: a scanner stands where it is hollow.
-        let told = "turned to the hollow side (--normals viewpoint:X,Y,Z tells where it was seen from)";
+        let told =
+            "turned to the hollow side (--normals viewpoint:X,Y,Z tells where it was seen from)";
         return (escaped[0] > escaped[1], false, told);
     }
-    (up < 0.0, true, "turned up (--normals viewpoint:X,Y,Z tells where it was seen from)")
+    (
+        up < 0.0,
+        true,
+        "turned up (--normals viewpoint:X,Y,Z tells where it was seen from)",
+    )
 }
 
 /// Rays from one side of a part that meet another one.
@@ -174,14 +183,25 @@ fn of_other(
             false => 0.0,
         };
         for (&(other, front), &count) in &view.hits[side] {
-            let flip = if other == part { Some(&own) } else { flipped.get(&other) };
+            let flip = if other == part {
+                Some(&own)
+            } else {
+                flipped.get(&other)
+            };
             if let Some(&flip) = flip {
-                score += if front != flip { count as f64 } else { -(count as f64) };
+                score += if front != flip {
+                    count as f64
+                } else {
+                    -(count as f64)
+                };
             }
         }
         // Of the many rays of a large part few meet a small one, but those count.
         for sight in seen_by {
-            if flipped.get(&sight.by).is_some_and(|&flip| sight.side == usize::from(flip)) {
+            if flipped
+                .get(&sight.by)
+                .is_some_and(|&flip| sight.side == usize::from(flip))
+            {
                 let count = sight.count as f64;
                 score += if sight.front != own { count } else { -count };
             }
@@ -203,7 +223,9 @@ fn views(
     let pick = |of: &dyn Fn(usize) -> Vec3| some.iter().map(|&i| of(i)).collect::<Vec<Vec3>>();
     let (places, normals) = (pick(&|i| positions[i]), pick(&|i| local[i].normal));
     let (keepers, spacing) = spread_to(&places, &normals, COARSE);
-    let kept: Vec<usize> = (0..some.len()).filter(|&k| keepers[k] as usize == k).collect();
+    let kept: Vec<usize> = (0..some.len())
+        .filter(|&k| keepers[k] as usize == k)
+        .collect();
     progress.check()?;
     let coarse = PointCloud {
         positions: kept.iter().map(|&k| places[k].as_dvec3()).collect(),
@@ -224,7 +246,11 @@ fn views(
     let from: Vec<usize> = (0..positions.len())
         .filter(|&i| {
             let size = sizes[&part_of[i]];
-            let wanted = if size == largest { FROM_LARGEST } else { FROM_OTHERS };
+            let wanted = if size == largest {
+                FROM_LARGEST
+            } else {
+                FROM_OTHERS
+            };
             let passed = passed.entry(part_of[i]).or_default();
             *passed += 1;
             (*passed - 1).is_multiple_of(size.div_ceil(wanted))
