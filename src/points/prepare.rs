@@ -196,7 +196,7 @@ impl Prepared {
         }
         let staying = |heirs: &[u32]| (0..).zip(heirs).filter(|(i, h)| i == *h).count();
         if let Some(most) = thinning.max_points.filter(|&most| most < staying(&heirs)) {
-            heirs = spread_to(positions, normals, most).0;
+            heirs = spread_to(positions, normals, most);
         }
         let stay = staying(&heirs);
         if stay == n {

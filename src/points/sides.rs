@@ -16,10 +16,10 @@ use crate::random::{Purpose, cosine_direction, stream};
 use crate::visibility::{NO_SURFEL, Occluders, Segment, first_hit};
 
 /// Points that stand for the whole surface, at most, and those that they are chosen from.
-const COARSE: usize = 40_000;
-const CHOSEN_FROM: usize = 400_000;
+const COARSE: usize = 30_000;
+const CHOSEN_FROM: usize = 200_000;
 /// Points of the largest part, and of every other one, from which rays are cast.
-const FROM_LARGEST: usize = 4000;
+const FROM_LARGEST: usize = 1500;
 const FROM_OTHERS: usize = 16;
 /// Rays to each side of each of them.
 const RAYS: u64 = 16;
@@ -222,7 +222,7 @@ fn views(
     let some: Vec<usize> = (0..positions.len()).step_by(few).collect();
     let pick = |of: &dyn Fn(usize) -> Vec3| some.iter().map(|&i| of(i)).collect::<Vec<Vec3>>();
     let (places, normals) = (pick(&|i| positions[i]), pick(&|i| local[i].normal));
-    let (keepers, spacing) = spread_to(&places, &normals, COARSE);
+    let keepers = spread_to(&places, &normals, COARSE);
     let kept: Vec<usize> = (0..some.len())
         .filter(|&k| keepers[k] as usize == k)
         .collect();
@@ -237,6 +237,10 @@ fn views(
     let coarse = Surfels::prepare(&coarse, &Silent)?.surfels;
     let occluders = Occluders::build(&coarse);
     let origin = coarse.origin.as_vec3();
+    // As wide as cells where points are sparse.
+    let mut areas = coarse.areas.clone();
+    let wide = areas.len() * 4 / 5;
+    let spacing = areas.select_nth_unstable_by(wide, f32::total_cmp).1.sqrt();
     let reach = coarse.reach() + 2.0 * spacing;
     let part_of_surfel = |s: u32| part_of[some[kept[coarse.points[s as usize] as usize]]];
 

@@ -51,6 +51,8 @@ pub(super) fn smoothed(
 const MOVED_FROM: f64 = 0.12;
 /// Neighbours that a position is averaged with, if they are of the same side.
 const SURFACE: usize = 32;
+/// Fewer are no surface to lie on.
+const FEWEST: u32 = 8;
 /// Neighbours are of the same side if the cosine between the normals is larger.
 const SAME_SIDE: f64 = 0.5;
 
@@ -74,10 +76,13 @@ pub(super) fn settled(
         let (sum, count) = near
             .iter()
             .filter(|n| n.normal.dot(normal) > SAME_SIDE)
-            .fold((0.0, 1.0), |(sum, count), n| {
-                (sum + 0.5 * (normal + n.normal).dot(n.offset), count + 1.0)
+            .fold((0.0, 0), |(sum, count), n| {
+                (sum + 0.5 * (normal + n.normal).dot(n.offset), count + 1)
             });
-        positions[i] + (normal * (sum / count)).as_vec3()
+        match count {
+            ..FEWEST => positions[i],
+            _ => positions[i] + (normal * (sum / f64::from(1 + count))).as_vec3(),
+        }
     };
     let moved = (0..positions.len()).into_par_iter();
     Some(moved.map_init(Vec::new, move_point).collect())

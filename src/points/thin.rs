@@ -41,37 +41,41 @@ pub(super) fn spread(positions: &[Vec3], normals: &[Vec3], spacing: f32) -> Vec<
     keepers
 }
 
-/// The same with a spacing that leaves `most` points or a few less, and that spacing.
-pub(super) fn spread_to(positions: &[Vec3], normals: &[Vec3], most: usize) -> (Vec<u32>, f32) {
+/// The same with a spacing that leaves `most` points or a few less.
+pub(super) fn spread_to(positions: &[Vec3], normals: &[Vec3], most: usize) -> Vec<u32> {
+    let all = 0..positions.len() as u32;
+    if positions.len() <= most {
+        return all.collect();
+    }
     let (min, max) = (positions.iter()).fold((Vec3::MAX, Vec3::MIN), |(min, max), &p| {
         (min.min(p), max.max(p))
     });
     // As if they filled a sphere; then towards what that leaves.
     let mut spacing = (max - min).length() / (most as f32).sqrt();
-    let (mut fewest, mut too_many) = (None, 0.0);
+    let (mut few, mut many) = (None, 0.0);
     for _ in 0..LOOKS {
         let keepers = spread(positions, normals, spacing);
-        let kept = (0..).zip(&keepers).filter(|(i, k)| i == *k).count();
+        let kept = all.clone().zip(&keepers).filter(|(i, k)| i == *k).count();
         let part = kept as f64 / most as f64;
-        if part > 1.0 {
-            too_many = spacing;
-        } else {
-            fewest = Some((keepers, spacing));
+        if part <= 1.0 {
+            few = Some((keepers, spacing));
             if part >= NEAR_ENOUGH {
                 break;
             }
+        } else {
+            many = spacing;
         }
+        // Points on a surface go with the square; between what was too many and too few.
         let next = spacing * (part / (0.5 + 0.5 * NEAR_ENOUGH)).sqrt() as f32;
-        // Between what was too much and too little, where that is known.
-        spacing = match &fewest {
-            Some((_, few)) if next <= too_many || next >= *few => 0.5 * (too_many + few),
-            _ => next.max(1.01 * too_many),
+        spacing = match few {
+            Some((_, few)) if next <= many || next >= few => 0.5 * (many + few),
+            _ => next.max(1.01 * many),
         };
     }
-    fewest.unwrap_or_else(|| {
-        let spacing = 2.0 * (max - min).length().max(f32::MIN_POSITIVE);
-        (spread(positions, normals, spacing), spacing)
-    })
+    match few {
+        Some((keepers, _)) => keepers,
+        None => spread(positions, normals, 2.0 * (max - min).length()),
+    }
 }
 
 /// 0..n in an order that is random, but always the same.
