@@ -22,6 +22,7 @@ pub(crate) enum Purpose {
     Sides,
     Buried,
     Errors,
+    Mesh,
 }
 
 /// The stream of one item: a surfel, or a pair of facets in one number.

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 use fmmgi_gpu::illuminate::{RAYS, checks::Checks};
-use fmmgi_gpu::output::{write_atomic, write_ply, write_stats};
+use fmmgi_gpu::output::{self, Format, write_atomic, write_stats};
 use fmmgi_gpu::points::{Facing, Thinning};
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
 use fmmgi_gpu::{
@@ -24,10 +24,11 @@ use super::{Done, backend, outputs, picture};
 /// printed.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scan (.ply) or scene file (.toml)
-    input: PathBuf,
-    /// Write the points with their light
-    #[arg(short, long, value_name = "OUT.ply")]
+    /// Scans, and at most one scene file (.toml)
+    #[arg(required = true)]
+    inputs: Vec<PathBuf>,
+    /// Write the points with their light: .ply, .laz, .las, .csv or .npy
+    #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     /// Write a picture
     #[arg(long, value_name = "OUT.png")]
@@ -35,9 +36,12 @@ pub struct Args {
     /// Write what was done and how well it went
     #[arg(long, value_name = "OUT.json")]
     stats: Option<PathBuf>,
-    /// Points to make on the shapes of a scene file
+    /// Points to make on the shapes of a scene file, and on a mesh
     #[arg(long, value_name = "N")]
     points: Option<NonZeroUsize>,
+    /// Take the faces of PLY files as the surface, and make points on them
+    #[arg(long)]
+    mesh: bool,
     /// How the light is summed up
     #[arg(long, value_enum, default_value = "auto")]
     method: MethodArg,
@@ -125,7 +129,8 @@ pub fn run(args: &Args) -> Result<Done> {
         .into_iter()
         .filter_map(Option::as_deref)
         .collect();
-    outputs::check(&args.input, &files)?;
+    outputs::check(&args.inputs, &files)?;
+    args.output.as_deref().map(Format::of).transpose()?;
     let options = args.options();
     let chosen = backend::choose(args.backend, args.adapter.as_deref(), options.method)?;
     if let Some(threads) = args.threads {
@@ -140,10 +145,11 @@ pub fn run(args: &Args) -> Result<Done> {
     let options_of_scene = SceneOptions {
         points: args.points.map(NonZeroUsize::get),
         seed: args.seed,
+        mesh: args.mesh,
     };
-    let mut scene = Scene::load(&args.input, &options_of_scene, &progress)?;
+    let mut scene = Scene::load_all(&args.inputs, &options_of_scene, &progress)?;
     for source in &scene.sources {
-        outputs::spare(source, &files)?;
+        outputs::spare(&source.path, &files)?;
     }
     scene.lights.extend(&args.light);
     scene.sky = args.sky.unwrap_or(scene.sky);
@@ -152,13 +158,13 @@ pub fn run(args: &Args) -> Result<Done> {
     scene
         .cloud
         .estimate_normals(&args.normals, &progress)
-        .map_err(|error| error.about(&args.input))?;
+        .map_err(|error| error.about(outputs::names(&args.inputs)))?;
     let normals = clock.elapsed().as_secs_f64();
     warn_of_darkness(&scene, &progress);
     progress.note(&format!("backend: {}", chosen.describe()));
 
     let mut result = illuminate(&scene, &options, chosen.backend(), &progress)
-        .map_err(|error| error.about(&args.input))?;
+        .map_err(|error| error.about(outputs::names(&args.inputs)))?;
 
     // Everything is computed before anything is written: an interruption leaves no half result.
     let png = args
@@ -175,7 +181,7 @@ pub fn run(args: &Args) -> Result<Done> {
 
     let written = Instant::now();
     if let Some(path) = &args.output {
-        write_ply(path, &scene.cloud, &result.map)?;
+        output::write(path, &scene.cloud, &result.map)?;
     }
     if let (Some(path), Some(png)) = (&args.image, png) {
         write_atomic(path, |writer| writer.write_all(&png))?;

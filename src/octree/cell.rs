@@ -54,7 +54,7 @@ fn finer_levels(level: u32) -> u32 {
 }
 
 /// Morton codes of places in their common cube.
-pub(super) fn codes(positions: &[Vec3]) -> impl IndexedParallelIterator<Item = u64> {
+pub(crate) fn codes(positions: &[Vec3]) -> impl IndexedParallelIterator<Item = u64> {
     const NOTHING: (Vec3, Vec3) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     let (low, high) = positions
         .par_iter()

@@ -7,6 +7,7 @@ mod facet;
 mod measure;
 
 pub use cell::Cell;
+pub(crate) use cell::codes as morton_codes;
 pub use facet::Facet;
 
 use crate::points::Surfels;

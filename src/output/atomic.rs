@@ -1,6 +1,6 @@
 //! Files that appear under their names only when they are complete.
 
-use std::fs::{self, OpenOptions};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -19,18 +19,33 @@ pub fn write_atomic(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<()> {
-    let failed = |e| Error::io(path, "cannot be written", e);
     match Target::of(path)? {
-        Target::Stream => {
-            let stream = OpenOptions::new().write(true).open(path).map_err(failed)?;
-            buffered(stream, write).map_err(failed)?;
-        }
+        Target::Stream => OpenOptions::new()
+            .write(true)
+            .open(path)
+            .and_then(|stream| buffered(stream, write)),
+        Target::File(target) => whole(&target, |file| buffered(file, write)),
+    }
+    .map_err(|e| Error::io(path, "cannot be written", e))
+}
+
+/// As [`write_atomic`], for what has to go back in its file, and so only to files.
+pub fn write_atomic_file(path: &Path, write: impl FnOnce(&File) -> io::Result<()>) -> Result<()> {
+    match Target::of(path)? {
+        Target::Stream => Err(Error::input(
+            path,
+            "is no regular file, which this format needs",
+        )),
         Target::File(target) => {
-            let file = temporary(&target).map_err(failed)?;
-            buffered(&file, write).map_err(failed)?;
-            file.persist(&target).map_err(|e| failed(e.error))?;
+            whole(&target, write).map_err(|e| Error::io(path, "cannot be written", e))
         }
     }
+}
+
+fn whole(target: &Path, write: impl FnOnce(&File) -> io::Result<()>) -> io::Result<()> {
+    let file = temporary(target)?;
+    write(file.as_file())?;
+    file.persist(target)?;
     Ok(())
 }
 

@@ -19,7 +19,7 @@ mod thin;
 
 pub use buried::buried;
 pub use cells::{Cells, MAX_EDGES};
-pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
+pub use cloud::{DEFAULT_REFLECTANCE, Grid, MAX_COLOUR_REFLECTANCE, PointCloud, Scanner};
 pub use orient::Facing;
 pub use prepare::{Prepared, Thinning};
 pub use quality::Quality;

@@ -34,9 +34,14 @@ pub enum Facing {
 
 impl Facing {
     /// From where point `i` of the cloud was seen, if that is known.
-    pub(super) fn viewpoint(&self, _cloud: &PointCloud, _i: usize) -> Option<DVec3> {
+    pub(super) fn viewpoint(&self, cloud: &PointCloud, i: usize) -> Option<DVec3> {
         match *self {
             Facing::Viewpoint(place) => Some(place),
+            Facing::Auto => {
+                let scan = cloud.scanners.partition_point(|s| s.points.end <= i);
+                let scanner = cloud.scanners.get(scan)?;
+                scanner.points.contains(&i).then_some(scanner.position)
+            }
             _ => None,
         }
     }

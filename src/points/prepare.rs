@@ -98,19 +98,25 @@ impl Surfels {
             repairs,
         };
         let strays = prepared.make_cells(true, progress)?;
+        let with_strays = !strays.is_empty();
         prepared.quality.strays = strays.len();
-        let mut fewer = !strays.is_empty();
-        if fewer {
+        prepared.leave_out(&strays)?;
+        let thinned = prepared.thin(thinning);
+        memory::check_points(prepared.surfels.len() as u64)?;
+        if with_strays || thinned {
+            let strays = prepared.make_cells(false, progress)?;
+            // Flecks of surface that thinning made single points.
+            if thinned && !strays.is_empty() {
+                prepared.quality.strays += strays.len();
+                prepared.leave_out(&strays)?;
+                prepared.make_cells(false, progress)?;
+            }
+        }
+        if prepared.quality.strays > 0 {
             prepared.repairs.push(format!(
                 "{} points that belong to no surface: lit, but in nobody's way",
-                strays.len()
+                prepared.quality.strays
             ));
-            prepared.leave_out(&strays)?;
-        }
-        fewer |= prepared.thin(thinning);
-        memory::check_points(prepared.surfels.len() as u64)?;
-        if fewer {
-            prepared.make_cells(false, progress)?;
         }
         prepared.quality.measure(&prepared.surfels);
         Ok(prepared)
@@ -158,7 +164,7 @@ impl Prepared {
     /// or of the nearest. All stay if none would.
     fn leave_out(&mut self, out: &[u32]) -> Result<()> {
         let n = self.surfels.len();
-        if out.len() == n {
+        if out.is_empty() || out.len() == n {
             return Ok(());
         }
         let mut heirs: Vec<u32> = (0..n as u32).collect();
@@ -242,8 +248,8 @@ impl Prepared {
         self.surfels = self.surfels.reordered(&kept);
     }
 
-    /// Cells, missing areas, offsets. At `first` points and normals that scatter are smoothed, and strays
-    /// are looked for, whose indices are returned.
+    /// Cells, missing areas, offsets; returns the indices of strays. At `first` points and normals that
+    /// scatter are smoothed.
     fn make_cells(&mut self, first: bool, progress: &dyn Progress) -> Result<Vec<u32>> {
         let surfels = &mut self.surfels;
         let n = surfels.len();
@@ -295,10 +301,7 @@ impl Prepared {
             ));
             progress.advance(made);
         }
-        let strays = match first {
-            true => strays(&positions, &neighbours, &cells, rule.roughness)?,
-            false => Vec::new(),
-        };
+        let strays = strays(&positions, &neighbours, &cells, rule.roughness)?;
         surfels.occluder_scale = rule.scale as f32;
         surfels.offsets = cells
             .iter()

@@ -18,6 +18,10 @@ const STEEPER: f64 = 4.0;
 /// on a plane but for this part of the spacing.
 const SUPPORT: usize = 6;
 const SUPPORT_REACH: f64 = 3.0;
+/// Points nearer than this part of the spacing lie at one place. Flecks in the air are few places.
+const ONE_PLACE: f64 = 0.3;
+/// Neighbours among which the places are looked for.
+const SUPPORTERS: usize = 48;
 const SUPPORT_FLAT: f64 = 0.3;
 /// Spacings are about the same within this factor.
 const SAME_SCALE: f64 = 3.0;
@@ -71,16 +75,20 @@ pub(super) fn strays(
 fn supported(k: usize, others: &Neighbours, spacing: impl Fn(usize) -> f64) -> bool {
     let own = spacing(k);
     let mut near = Vec::new();
-    others.nearest(k, 2 * SUPPORT, &mut near);
-    let alike = |&(j, offset): &(u32, DVec3)| {
+    others.nearest(k, SUPPORTERS, &mut near);
+    let mut places = vec![DVec3::ZERO];
+    for (j, offset) in near {
         let other = spacing(j as usize);
-        offset.length() < SUPPORT_REACH * own
-            && other < SAME_SCALE * own
-            && own < SAME_SCALE * other
-    };
-    let places = || near.iter().filter(|n| alike(n)).map(|n| n.1).take(SUPPORT);
-    places().count() == SUPPORT
-        && Plane::fit(places().chain([DVec3::ZERO])).rms() < SUPPORT_FLAT * own
+        let alike = other < SAME_SCALE * own && own < SAME_SCALE * other;
+        let apart = |p: &DVec3| p.distance(offset) > ONE_PLACE * own;
+        if offset.length() > SUPPORT_REACH * own || places.len() > SUPPORT {
+            break;
+        }
+        if alike && places.iter().all(apart) {
+            places.push(offset);
+        }
+    }
+    places.len() > SUPPORT && Plane::fit(places.into_iter()).rms() < SUPPORT_FLAT * own
 }
 
 /// Whether the neighbours of a point make no surface, or one that it is not on.

@@ -1,35 +1,198 @@
 //! Scan files to point clouds.
 
-pub mod ply;
+mod e57;
+mod fields;
+mod las;
+mod lines;
+mod mesh;
+mod obj;
+mod pcd;
+pub(crate) mod ply;
+mod ptx;
+mod text;
 
 use std::fs::{self, File};
 use std::io::Read;
+use std::ops::Range;
 use std::path::Path;
 
+use glam::DVec3;
+
 use crate::error::{Error, Result};
-use crate::points::PointCloud;
+use crate::points::{PointCloud, Scanner};
 use crate::progress::Progress;
 
-/// Reads the points of a scan file, whose format is told by its content.
-///
-/// # Errors
-/// [`Error::Io`] if the file cannot be read, [`Error::Input`] if it is no scan, is damaged, or has
-/// no points, [`Error::TooLarge`] above 2³² - 1 points.
+/// A file of points, read.
+#[derive(Clone, Debug, Default)]
+pub struct Scan {
+    /// What kind of file it is, for example "PCD, binary_compressed".
+    pub format: String,
+    /// What the file says of each point, in the names of the file.
+    pub fields: Vec<String>,
+    /// Whether the points were made on triangles.
+    pub sampled: bool,
+    pub cloud: PointCloud,
+}
+
+/// How files that have triangles are read.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MeshOptions {
+    /// Takes the faces of a PLY file as the surface, and samples them; otherwise its vertices are
+    /// the points. (An OBJ file with faces is always sampled.)
+    pub faces: bool,
+    /// Number of samples; `None` takes that of the spacing, or 20000.
+    pub points: Option<usize>,
+    /// Mean distance of samples: each stands for its square, where `points` is `None`.
+    pub spacing: Option<f64>,
+    /// Moves the samples within their strata.
+    pub seed: u64,
+}
+
+/// The formats that are understood.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Ply,
+    Las,
+    E57,
+    Pcd,
+    Ptx,
+    Obj,
+    Text,
+}
+
+/// Reads the points of a file with the default options for meshes, see [`Scan::read`].
 pub fn read(path: &Path, progress: &dyn Progress) -> Result<PointCloud> {
-    let mut magic = Vec::new();
-    open(path)?
-        .take(4)
-        .read_to_end(&mut magic)
-        .map_err(|e| Error::io(path, "cannot be read", e))?;
-    match magic[..] {
-        [] => Err(Error::input(path, "the file is empty")),
-        [b'p', b'l', b'y', end] if end.is_ascii_whitespace() => ply::read(path, progress),
-        _ => Err(Error::input(
-            path,
-            "not a scan in a format that is understood: PLY (ascii or binary), \
-             which begins with a line \"ply\"",
-        )),
+    Ok(Scan::read(path, &MeshOptions::default(), progress)?.cloud)
+}
+
+impl Scan {
+    /// Reads a file of points, or of triangles, on which points are made.
+    ///
+    /// The content tells the format; where it does not, as with text, the ending of the name does.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be read, [`Error::Input`] if it is no scan, is damaged, or
+    /// has no points, [`Error::TooLarge`] above 2³² - 1 points.
+    pub fn read(path: &Path, mesh: &MeshOptions, progress: &dyn Progress) -> Result<Scan> {
+        let scan = match Format::of(path)? {
+            Format::Ply => ply::read(path, mesh, progress),
+            Format::Las => las::read(path, progress),
+            Format::E57 => e57::read(path, progress),
+            Format::Pcd => pcd::read(path, progress),
+            Format::Ptx => ptx::read(path, progress),
+            Format::Obj => obj::read(path, mesh, progress),
+            Format::Text => text::read(path, progress),
+        }?;
+        match scan.cloud.len() {
+            points if points > u32::MAX as usize => Err(Error::TooLarge(format!(
+                "{}: {points} points; at most {} are possible",
+                path.display(),
+                u32::MAX
+            ))),
+            _ => Ok(scan),
+        }
     }
+}
+
+/// Bytes at the start of a file that tell its format.
+const HEAD: usize = 1 << 16;
+
+impl Format {
+    fn of(path: &Path) -> Result<Self> {
+        let mut head = Vec::new();
+        open(path)?
+            .take(HEAD as u64)
+            .read_to_end(&mut head)
+            .map_err(|e| Error::io(path, "cannot be read", e))?;
+        if head.is_empty() {
+            return Err(Error::input(path, "the file is empty"));
+        }
+        let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
+        Format::by_magic(&head)
+            .or_else(|| Format::by_ending(&ending.to_string_lossy()))
+            .or_else(|| Format::by_text(&head))
+            .ok_or_else(|| {
+                Error::input(
+                    path,
+                    "not a scan in a format that is understood: PLY, LAS, LAZ, E57, PCD, PTX, PTS, \
+                     OBJ, or text with x, y and z in each line (XYZ, TXT, CSV)",
+                )
+            })
+    }
+
+    /// By the first bytes, whatever the name.
+    fn by_magic(head: &[u8]) -> Option<Self> {
+        match head {
+            [b'p', b'l', b'y', end, ..] if end.is_ascii_whitespace() => Some(Format::Ply),
+            _ if head.starts_with(b"LASF") => Some(Format::Las),
+            _ if head.starts_with(b"ASTM-E57") => Some(Format::E57),
+            _ if pcd::begins(head) => Some(Format::Pcd),
+            _ => None,
+        }
+    }
+
+    /// By the ending in small letters. What begins otherwise is damaged, and its reader says how.
+    fn by_ending(ending: &str) -> Option<Self> {
+        match ending {
+            "ply" => Some(Format::Ply),
+            "las" | "laz" => Some(Format::Las),
+            "e57" => Some(Format::E57),
+            "pcd" => Some(Format::Pcd),
+            "ptx" => Some(Format::Ptx),
+            "obj" => Some(Format::Obj),
+            "pts" | "xyz" | "csv" => Some(Format::Text),
+            _ => None,
+        }
+    }
+
+    /// By the first lines of a text.
+    fn by_text(head: &[u8]) -> Option<Self> {
+        let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
+        // The last line may be cut.
+        let end = match head.len() {
+            HEAD => text
+                .iter()
+                .rposition(|&byte| matches!(byte, b'\n' | b'\r'))?,
+            _ => text.len(),
+        };
+        let text = &text[..end];
+        if text.contains(&0) {
+            None
+        } else if ptx::begins(text) {
+            Some(Format::Ptx)
+        } else if obj::begins(text) {
+            Some(Format::Obj)
+        } else if text::begins(text) {
+            Some(Format::Text)
+        } else {
+            None
+        }
+    }
+}
+
+/// The scanner of some points, as far as it can be believed: many programs write the origin where
+/// they do not know, so that it must lie within the points' box, enlarged by its diagonal.
+fn scanner(cloud: &PointCloud, points: Range<usize>, position: DVec3) -> Option<Scanner> {
+    let places = cloud.positions[points.clone()].iter();
+    let (min, max) = places
+        .filter(|p| p.is_finite())
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| {
+            (min.min(p), max.max(p))
+        });
+    let around = (max - min).length();
+    let near = position.cmpge(min - around).all() && position.cmple(max + around).all();
+    let is_known = position.is_finite() && (position != DVec3::ZERO || near);
+    (is_known && !points.is_empty()).then_some(Scanner { position, points })
+}
+
+/// Opens a regular file; its length comes with it.
+fn open_sized(path: &Path) -> Result<(File, u64)> {
+    let file = open(path)?;
+    let metadata = file.metadata();
+    let bytes = metadata
+        .map_err(|e| Error::io(path, "cannot be read", e))?
+        .len();
+    Ok((file, bytes))
 }
 
 /// Opens a regular file; a pipe or a device could keep its reader waiting for ever.

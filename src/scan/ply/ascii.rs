@@ -1,114 +1,68 @@
 //! The values of ascii PLY files: one entry a line.
 
-use std::io::Read;
-
 use ply_rs::ply::{ElementDef, PropertyType};
-use rayon::prelude::*;
 
+use super::faces::{Faces, Fan};
 use super::{PlyFile, Rows};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::progress::Progress;
+use crate::scan::lines::{self, Lines, words};
 
-/// Bytes that are read, parsed and handed on at a time; also the longest line.
-const BLOCK: usize = 4 << 20;
+type Parsed<T> = std::result::Result<T, String>;
 
 pub fn rows(
     ply: &mut PlyFile,
     columns: &[usize],
+    faces: bool,
     progress: &dyn Progress,
     take: &mut dyn FnMut(Rows),
-) -> Result<()> {
-    let line_end = ply.header.line_end;
+) -> Result<Option<Faces>> {
     let element = ply.element().clone();
     let slots: Vec<Option<usize>> = (0..element.properties.len())
         .map(|property| columns.iter().position(|&column| column == property))
         .collect();
-    let mut skip: usize = ply
-        .before()
-        .filter(|element| !element.properties.is_empty())
-        .map(|element| element.count)
-        .sum();
-    let mut done = 0;
-    let mut line_number = ply.header.lines + 1;
-    let mut values = Vec::new();
-    let mut buffer = vec![0; BLOCK];
-    // Bytes of a line that the last block cut.
-    let mut kept = 0;
-
-    while done < ply.len() {
-        progress.check()?;
-        let read = fill(&mut ply.input, &mut buffer[kept..])
-            .map_err(|e| Error::io(&ply.path, "cannot be read", e))?;
-        progress.advance(read as u64);
-        let at_end = read < BLOCK - kept;
-        let filled = &buffer[..kept + read];
-        let whole = match filled.iter().rposition(|&byte| byte == line_end) {
-            _ if at_end => filled.len(),
-            Some(last) => last + 1,
-            None => {
-                return Err(
-                    ply.input_error(format!("line {line_number} is longer than {BLOCK} bytes"))
-                );
-            }
+    let before: usize = ply.before().map(lines_of).sum();
+    let (line_end, number) = (ply.header.line_end, ply.header.lines + 1);
+    let mut lines = Lines::new(&ply.path, &mut ply.input, line_end, number, progress);
+    let ignore = |_: &[u8], _: &mut [f64]| Ok(());
+    lines.rows(before, 1, ignore, &mut |_| {})?;
+    let parse = |line: &[u8], row: &mut [f64]| parse(line, &element, &slots, row);
+    let done = lines.rows(element.count, columns.len(), parse, take)?;
+    if done < element.count {
+        return Err(ply.input_error(format!(
+            "the file is cut short: it ends after {done} of {} vertices",
+            element.count
+        )));
+    }
+    if !faces {
+        return Ok(None);
+    }
+    let Some((between, face)) = super::faces::element(&ply.header) else {
+        return Ok(None);
+    };
+    let between: usize = between.into_iter().map(lines_of).sum();
+    lines.rows(between, 1, ignore, &mut |_| {})?;
+    let mut fan = Fan::new(element.count);
+    for done in 0..face.count {
+        let Some(line) = lines.line()? else {
+            return Ok(Some(Err(format!(
+                "the file ends after {done} of {} faces",
+                face.count
+            ))));
         };
-        let block = &filled[..whole];
-
-        let mut lines = block
-            .split(|&byte| byte == line_end)
-            .filter(|line| !line.trim_ascii().is_empty());
-        while skip > 0 && lines.next().is_some() {
-            skip -= 1;
-        }
-        let lines: Vec<&[u8]> = lines.take(ply.len() - done).collect();
-        values.clear();
-        values.resize(lines.len() * columns.len(), 0.0);
-        let wrong = values
-            .par_chunks_exact_mut(columns.len())
-            .zip(&lines)
-            .find_map_first(|(row, line)| {
-                let what = parse(line, &element, &slots, row).err()?;
-                Some((line, what))
-            });
-        if let Some((line, what)) = wrong {
-            let before = &block[..line.as_ptr().addr() - block.as_ptr().addr()];
-            return Err(ply.input_error(format!(
-                "line {}: {what}",
-                line_number + count(before, line_end)
-            )));
-        }
-        take(&values);
-        done += lines.len();
-        line_number += count(block, line_end);
-
-        if at_end && done < ply.len() {
-            return Err(ply.input_error(format!(
-                "the file is cut short: it ends after {done} of {} vertices",
-                ply.len()
-            )));
-        }
-        let filled = filled.len();
-        buffer.copy_within(whole..filled, 0);
-        kept = filled - whole;
-    }
-    Ok(())
-}
-
-/// Reads until `buffer` is full or the file ends; returns the bytes read.
-fn fill(input: &mut impl Read, buffer: &mut [u8]) -> std::io::Result<usize> {
-    let mut filled = 0;
-    while filled < buffer.len() {
-        match input.read(&mut buffer[filled..]) {
-            Ok(0) => break,
-            Ok(n) => filled += n,
-            Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
-            Err(e) => return Err(e),
+        if let Err(what) = add_face(line, face, &mut fan) {
+            return Ok(Some(Err(lines.error(what).to_string())));
         }
     }
-    Ok(filled)
+    Ok(Some(Ok(fan.triangles)))
 }
 
-fn count(bytes: &[u8], byte: u8) -> u64 {
-    bytes.iter().filter(|&&b| b == byte).count() as u64
+/// Lines that an element takes.
+fn lines_of(element: &ElementDef) -> usize {
+    match element.properties.len() {
+        0 => 0,
+        _ => element.count,
+    }
 }
 
 /// Parses one line; the value of property `i` goes to `row[slots[i]]`.
@@ -117,29 +71,20 @@ fn parse(
     element: &ElementDef,
     slots: &[Option<usize>],
     row: &mut [f64],
-) -> std::result::Result<(), String> {
-    let mut words = line
-        .split(|byte| byte.is_ascii_whitespace())
-        .filter(|word| !word.is_empty());
-    let mut next = |name: &str| {
-        words
-            .next()
-            .ok_or_else(|| format!("the line ends before the value of {name:?}"))
-    };
+) -> Parsed<()> {
+    let mut words = words(line);
     for (property, slot) in element.properties.values().zip(slots) {
-        let word = next(&property.name)?;
+        let name = &property.name;
+        let word = words.next().ok_or_else(|| ends_before(name))?;
         match property.data_type {
             PropertyType::Scalar(_) => {
                 if let Some(slot) = *slot {
-                    row[slot] = number(word).ok_or_else(|| not_a_number(word, &property.name))?;
+                    row[slot] = number(word, name)?;
                 }
             }
             PropertyType::List(..) => {
-                let length = number(word)
-                    .filter(|&length| length >= 0.0 && length.fract() == 0.0)
-                    .ok_or_else(|| not_a_number(word, &property.name))?;
-                for _ in 0..length as u64 {
-                    next(&property.name)?;
+                for _ in 0..length(word, name)? {
+                    words.next().ok_or_else(|| ends_before(name))?;
                 }
             }
         }
@@ -150,11 +95,38 @@ fn parse(
     }
 }
 
-fn number(word: &[u8]) -> Option<f64> {
-    std::str::from_utf8(word).ok()?.parse().ok()
+/// Parses the line of a face.
+fn add_face(line: &[u8], face: &ElementDef, fan: &mut Fan) -> Parsed<()> {
+    let mut words = words(line);
+    for property in face.properties.values() {
+        let name = &property.name;
+        let word = words.next().ok_or_else(|| ends_before(name))?;
+        if let PropertyType::List(..) = property.data_type {
+            let wanted = super::faces::is_vertices(name);
+            fan.begin();
+            for _ in 0..length(word, name)? {
+                let word = words.next().ok_or_else(|| ends_before(name))?;
+                if wanted {
+                    fan.add(number(word, name)?)?;
+                }
+            }
+        }
+    }
+    Ok(())
 }
 
-fn not_a_number(word: &[u8], name: &str) -> String {
-    let word: String = String::from_utf8_lossy(word).chars().take(40).collect();
-    format!("{word:?} is no number (property {name:?})")
+fn ends_before(name: &str) -> String {
+    format!("the line ends before the value of {name:?}")
+}
+
+fn number(word: &[u8], name: &str) -> Parsed<f64> {
+    lines::number(word).ok_or_else(|| lines::not_a_number(word, &format!("property {name:?}")))
+}
+
+/// Length of a list.
+fn length(word: &[u8], name: &str) -> Parsed<u64> {
+    match number(word, name) {
+        Ok(length) if length >= 0.0 && length.fract() == 0.0 => Ok(length as u64),
+        _ => Err(lines::not_a_number(word, &format!("property {name:?}"))),
+    }
 }

@@ -5,6 +5,7 @@ use std::io::{self, BufRead, Read, Seek};
 use ply_rs::ply::{ElementDef, Encoding, PropertyType, ScalarType};
 use rayon::prelude::*;
 
+use super::faces::{Faces, Fan};
 use super::layout::{decode, offset, size};
 use super::{PlyFile, Rows};
 use crate::error::{Error, Result};
@@ -18,9 +19,10 @@ const GRAIN: usize = 4096;
 pub fn rows(
     ply: &mut PlyFile,
     columns: &[usize],
+    faces: bool,
     progress: &dyn Progress,
     take: &mut dyn FnMut(Rows),
-) -> Result<()> {
+) -> Result<Option<Faces>> {
     for element in ply.before().cloned().collect::<Vec<_>>() {
         skip(&mut ply.input, &element, ply.header.encoding, progress)?.map_err(|e| {
             match e.kind() {
@@ -36,9 +38,85 @@ pub fn rows(
         })?;
     }
     match offset(ply.element(), usize::MAX) {
-        Some(stride) => strided_rows(ply, stride, columns, progress, take),
-        None => rows_with_lists(ply, columns, progress, take),
+        Some(stride) => strided_rows(ply, stride, columns, progress, take)?,
+        None => rows_with_lists(ply, columns, progress, take)?,
     }
+    match super::faces::element(&ply.header) {
+        Some((between, face)) if faces => {
+            let vertices = ply.len();
+            let encoding = ply.header.encoding;
+            for element in between {
+                if let Err(e) = skip(&mut ply.input, element, encoding, progress)? {
+                    return Ok(Some(Err(format!("element {:?}: {e}", element.name))));
+                }
+            }
+            let faces = read_faces(&mut ply.input, face, encoding, vertices, progress)?;
+            Ok(Some(faces))
+        }
+        _ => Ok(None),
+    }
+}
+
+/// Reads the faces. The outer error is the interruption.
+fn read_faces<R: BufRead + Seek>(
+    input: &mut R,
+    face: &ElementDef,
+    encoding: Encoding,
+    vertices: usize,
+    progress: &dyn Progress,
+) -> Result<Faces> {
+    let mut fan = Fan::new(vertices);
+    for done in 0..face.count {
+        if done % 65536 == 0 {
+            progress.check()?;
+        }
+        match read_face(input, face, encoding, &mut fan) {
+            Ok(Ok(())) => {}
+            Ok(Err(what)) => return Ok(Err(format!("face {done}: {what}"))),
+            Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => {
+                return Ok(Err(format!(
+                    "the file ends after {done} of {} faces",
+                    face.count
+                )));
+            }
+            Err(e) => return Ok(Err(format!("face {done}: {e}"))),
+        }
+    }
+    Ok(Ok(fan.triangles))
+}
+
+/// Reads one face; the inner error is a bad index.
+fn read_face<R: BufRead + Seek>(
+    input: &mut R,
+    face: &ElementDef,
+    encoding: Encoding,
+    fan: &mut Fan,
+) -> io::Result<std::result::Result<(), String>> {
+    let value = |input: &mut R, scalar: &ScalarType| {
+        let mut buffer = [0; 8];
+        input.read_exact(&mut buffer[..size(scalar)])?;
+        Ok::<f64, io::Error>(decode(scalar, &buffer, encoding))
+    };
+    for property in face.properties.values() {
+        let (count, item) = match &property.data_type {
+            PropertyType::Scalar(scalar) => (scalar, None),
+            PropertyType::List(count, item) => (count, Some(item)),
+        };
+        let length = value(input, count)?;
+        let Some(item) = item else { continue };
+        if !super::faces::is_vertices(&property.name) {
+            input.seek_relative(length.max(0.0) as i64 * size(item) as i64)?;
+            continue;
+        }
+        fan.begin();
+        for _ in 0..length as u64 {
+            let index = value(input, item)?;
+            if let Err(what) = fan.add(index) {
+                return Ok(Err(what));
+            }
+        }
+    }
+    Ok(Ok(()))
 }
 
 /// Rows of equal length: read in blocks, decoded on all threads.

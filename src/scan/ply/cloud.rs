@@ -1,21 +1,15 @@
 //! PLY vertices to a point cloud: what the properties mean.
 
-use std::f64::consts::PI;
 use std::path::Path;
 
-use glam::{DVec3, Vec3};
-use ply_rs::ply::ScalarType;
-use rayon::prelude::*;
+use ply_rs::ply::{Encoding, ScalarType};
 
-use super::{PlyFile, Rows};
-use crate::colour::srgb_to_linear;
+use super::PlyFile;
 use crate::error::Result;
-use crate::points::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
 use crate::progress::Progress;
-use crate::scene::BRIGHTEST;
-
-/// Rows for one thread at a time.
-const GRAIN: usize = 4096;
+use crate::scan::fields::{Builder, Colour, Fields};
+use crate::scan::mesh::Mesh;
+use crate::scan::{MeshOptions, Scan};
 
 /// Reads a PLY file.
 ///
@@ -23,237 +17,91 @@ const GRAIN: usize = 4096;
 /// `reflectance_red/green/blue` (linear) or `red green blue` (sRGB if 8 or 16 bit, linear if float),
 /// and `emission_red/green/blue`; each also with the prefix `scalar_`. Other properties are skipped.
 /// Areas that are no positive number become 0, which stands for unknown. Points whose coordinates
-/// or normals are no numbers stay in the cloud.
-pub fn read(path: &Path, progress: &dyn Progress) -> Result<PointCloud> {
-    let ply = PlyFile::open(path)?;
+/// or normals are no numbers stay in the cloud. Vertices without normals get those of their faces.
+pub fn read(path: &Path, mesh: &MeshOptions, progress: &dyn Progress) -> Result<Scan> {
+    let mut ply = PlyFile::open(path)?;
     let mut repairs = Vec::new();
-    let fields = Fields::find(&ply, &mut repairs)?;
+    let fields = Fields::find(
+        |name| ply.column(name),
+        |columns, repairs| colour(&ply, columns, repairs),
+        &mut repairs,
+    );
+    let fields = fields.ok_or_else(|| {
+        ply.input_error("the element \"vertex\" lacks x, y or z (as single numbers)")
+    })?;
     let count = ply.len();
     if count == 0 {
         return Err(ply.input_error("empty cloud: the file has no vertices"));
     }
-    let mut cloud = PointCloud::default();
-    cloud.positions.reserve_exact(count);
     let columns = fields.columns.clone();
-    ply.rows(&columns, progress, &mut |rows| {
-        fields.append(rows, &mut cloud)
-    })?;
-    if fields.reflectance.is_none() {
-        cloud.reflectance = vec![Vec3::splat(DEFAULT_REFLECTANCE); count];
-    }
-    if fields.emission.is_none() {
-        cloud.emission = vec![Vec3::ZERO; count];
-    }
-    repair(&mut cloud, fields.white(), &mut repairs);
-    cloud.repairs = repairs;
-    Ok(cloud)
-}
-
-/// How a size gives an area.
-#[derive(Clone, Copy)]
-enum Size {
-    Area,
-    Radius,
-}
-
-/// How a stored colour gives a reflectance.
-enum Colour {
-    Linear,
-    /// Reflectance of each integer value.
-    Srgb(Vec<f32>),
-}
-
-impl Colour {
-    fn srgb(levels: usize) -> Self {
-        let linear = |level| srgb_to_linear(level as f32 / (levels - 1) as f32);
-        Colour::Srgb(
-            (0..levels)
-                .map(|i| linear(i).min(MAX_COLOUR_REFLECTANCE))
-                .collect(),
-        )
-    }
-
-    /// Values that the type cannot hold (ascii files may have them) give a number outside [0, 1].
-    #[inline]
-    fn reflectance(&self, value: f64) -> f32 {
-        match self {
-            Colour::Linear => value as f32,
-            Colour::Srgb(table) => match table.get(value as usize) {
-                Some(&linear) if value >= 0.0 => linear,
-                _ => value as f32,
-            },
-        }
-    }
-}
-
-/// Where the row of a vertex has what.
-struct Fields {
-    /// The properties of which a row is made.
-    columns: Vec<usize>,
-    position: [usize; 3],
-    normal: Option<[usize; 3]>,
-    size: Option<(usize, Size)>,
-    reflectance: Option<([usize; 3], Colour)>,
-    emission: Option<[usize; 3]>,
-}
-
-impl Fields {
-    fn find(ply: &PlyFile, repairs: &mut Vec<String>) -> Result<Self> {
-        let mut columns = Vec::new();
-        let mut one = |name: &str| {
-            columns.push(ply.column(name)?);
-            Some(columns.len() - 1)
-        };
-        let mut three = |names: [&str; 3]| match names.map(&mut one) {
-            [Some(a), Some(b), Some(c)] => Some([a, b, c]),
-            [None, None, None] => None,
-            _ => {
-                repairs.push(format!(
-                    "{} left out: not all three are there",
-                    names.join(" ")
-                ));
-                None
-            }
-        };
-        let position = three(["x", "y", "z"]).ok_or_else(|| {
-            ply.input_error("the element \"vertex\" lacks x, y or z (as single numbers)")
-        })?;
-        let normal = three(["nx", "ny", "nz"]);
-        let linear = three(["reflectance_red", "reflectance_green", "reflectance_blue"]);
-        let colour = match linear {
-            Some(_) => None,
-            None => three(["red", "green", "blue"]),
-        };
-        let emission = three(["emission_red", "emission_green", "emission_blue"]);
-        let size = match one("area") {
-            Some(column) => Some((column, Size::Area)),
-            None => one("radius").map(|column| (column, Size::Radius)),
-        };
-        let colour = colour.and_then(|slots| {
-            let types = slots.map(|slot| ply.scalar(columns[slot]));
-            let colour = match types[0] {
-                _ if types.iter().any(|&other| other != types[0]) => None,
-                ScalarType::UChar => Some(Colour::srgb(1 << 8)),
-                ScalarType::UShort => Some(Colour::srgb(1 << 16)),
-                ScalarType::Float | ScalarType::Double => Some(Colour::Linear),
-                _ => None,
-            };
-            if colour.is_none() {
-                repairs.push(
-                    "red green blue left out: only uchar, ushort and float are understood"
-                        .to_owned(),
-                );
-            }
-            Some((slots, colour?))
-        });
-        Ok(Fields {
-            position,
-            normal,
-            size,
-            reflectance: linear.map(|slots| (slots, Colour::Linear)).or(colour),
-            emission,
-            columns,
-        })
-    }
-
-    /// The largest reflectance that can be meant.
-    fn white(&self) -> f32 {
-        match &self.reflectance {
-            Some((_, Colour::Srgb(_))) => MAX_COLOUR_REFLECTANCE,
-            _ => 1.0,
-        }
-    }
-
-    fn append(&self, rows: Rows, cloud: &mut PointCloud) {
-        let rows = rows
-            .par_chunks_exact(self.columns.len())
-            .with_min_len(GRAIN);
-        let vector = |row: &[f64], slots: [usize; 3]| DVec3::from(slots.map(|slot| row[slot]));
-        cloud
-            .positions
-            .par_extend(rows.clone().map(|row| vector(row, self.position)));
-        if let Some(slots) = self.normal {
-            cloud
-                .normals
-                .par_extend(rows.clone().map(|row| vector(row, slots).as_vec3()));
-        }
-        if let Some((slot, size)) = self.size {
-            cloud.areas.par_extend(rows.clone().map(|row| match size {
-                Size::Area => row[slot] as f32,
-                // A negative radius must not become a positive area.
-                Size::Radius => (PI * row[slot] * row[slot].abs()) as f32,
-            }));
-        }
-        if let Some((slots, colour)) = &self.reflectance {
-            cloud.reflectance.par_extend(
-                rows.clone()
-                    .map(|row| Vec3::from(slots.map(|slot| colour.reflectance(row[slot])))),
-            );
-        }
-        if let Some(slots) = self.emission {
-            cloud
-                .emission
-                .par_extend(rows.map(|row| vector(row, slots).as_vec3()));
-        }
-    }
-}
-
-/// Mends values that mean nothing, and tells how many.
-fn repair(cloud: &mut PointCloud, white: f32, repairs: &mut Vec<String>) {
-    let mut tell = |count: usize, what: &str| {
-        if count > 0 {
-            repairs.push(format!("{count} {what}"));
-        }
+    let has_normals = fields.has_normals();
+    let mut builder = Builder::new(fields, count);
+    let faces = ply.rows_and_faces(
+        &columns,
+        mesh.faces || !has_normals,
+        progress,
+        &mut |rows| {
+            builder.append(rows);
+        },
+    )?;
+    let mut scan = Scan {
+        format: ply.describe(),
+        fields: ply.names(),
+        cloud: builder.finish(repairs),
+        sampled: false,
     };
-    tell(
-        mend(
-            &mut cloud.reflectance,
-            |r| !r.is_nan_mask().any(),
-            |r| Vec3::select(r.is_nan_mask(), Vec3::splat(DEFAULT_REFLECTANCE), r),
-        ),
-        "reflectances that are no number set to 0.5",
-    );
-    tell(
-        mend(
-            &mut cloud.reflectance,
-            |r| r == r.clamp(Vec3::ZERO, Vec3::ONE),
-            |r| r.clamp(Vec3::ZERO, Vec3::splat(white)),
-        ),
-        "reflectances outside [0, 1] clamped",
-    );
-    tell(
-        mend(
-            &mut cloud.emission,
-            |e| e.is_finite() && e.min_element() >= 0.0,
-            |e| e.map(|e| if e.is_finite() { e.max(0.0) } else { 0.0 }),
-        ),
-        "emissions that are negative or no number set to 0",
-    );
-    let brightest = Vec3::splat(BRIGHTEST);
-    tell(
-        mend(
-            &mut cloud.emission,
-            |e| e.cmple(brightest).all(),
-            |e| e.min(brightest),
-        ),
-        "emissions above 1e15 reduced to that",
-    );
-    tell(
-        mend(&mut cloud.areas, |a| a > 0.0 && a.is_finite(), |_| 0.0),
-        "areas that are no positive number estimated anew",
-    );
+    match faces {
+        Some(Ok(triangles)) if mesh.faces => {
+            let surface = Mesh::new(scan.cloud, triangles);
+            scan.cloud = surface.sample(path, mesh, progress)?;
+            scan.sampled = true;
+        }
+        Some(Ok(triangles)) => {
+            let what = format!("no normals: taken from {} triangles", triangles.len());
+            scan.cloud.repairs.push(what);
+            scan.cloud.normals = Mesh::normals(&scan.cloud.positions, &triangles);
+        }
+        Some(Err(what)) if mesh.faces => return Err(ply.input_error(what)),
+        Some(Err(what)) => scan.cloud.repairs.push(format!("faces left out: {what}")),
+        None if mesh.faces => {
+            let what = "no faces to make points on: the vertices are taken as points";
+            scan.cloud.repairs.push(what.to_owned());
+        }
+        None => {}
+    }
+    Ok(scan)
 }
 
-/// Replaces the values that are not good; returns how many.
-fn mend<T: Copy + Send>(
-    values: &mut [T],
-    good: impl Fn(T) -> bool + Sync,
-    mended: impl Fn(T) -> T + Sync,
-) -> usize {
-    values
-        .par_iter_mut()
-        .with_min_len(GRAIN)
-        .filter(|value| !good(**value))
-        .map(|value| *value = mended(*value))
-        .count()
+/// How three properties hold a colour.
+fn colour(ply: &PlyFile, columns: [usize; 3], repairs: &mut Vec<String>) -> Option<Colour> {
+    let types = columns.map(|column| ply.scalar(column));
+    let colour = match types[0] {
+        _ if types.iter().any(|&other| other != types[0]) => None,
+        ScalarType::UChar => Some(Colour::srgb(1 << 8)),
+        ScalarType::UShort => Some(Colour::srgb(1 << 16)),
+        ScalarType::Float | ScalarType::Double => Some(Colour::Linear),
+        _ => None,
+    };
+    if colour.is_none() {
+        let what = "red green blue left out: only uchar, ushort and float are understood";
+        repairs.push(what.to_owned());
+    }
+    colour
+}
+
+impl PlyFile {
+    fn describe(&self) -> String {
+        let encoding = match self.header.encoding {
+            Encoding::Ascii => "ascii",
+            Encoding::BinaryLittleEndian => "binary, little-endian",
+            Encoding::BinaryBigEndian => "binary, big-endian",
+        };
+        let faces = super::faces::element(&self.header);
+        let faces = faces.map_or(String::new(), |(_, face)| format!(", {} faces", face.count));
+        format!("PLY, {encoding}{faces}")
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.element().properties.keys().cloned().collect()
+    }
 }

@@ -3,6 +3,7 @@
 mod ascii;
 mod binary;
 mod cloud;
+mod faces;
 mod header;
 mod layout;
 
@@ -15,10 +16,9 @@ use ply_rs::ply::{ElementDef, Encoding, PropertyType, ScalarType};
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use crate::scan::fields::Rows;
+use faces::Faces;
 use header::Header;
-
-/// A block of rows, one a vertex, of the values of the columns asked for.
-pub(crate) type Rows<'a> = &'a [f64];
 
 /// The element that holds the points.
 const VERTEX: &str = "vertex";
@@ -122,11 +122,24 @@ impl PlyFile {
         progress: &dyn Progress,
         take: &mut dyn FnMut(Rows),
     ) -> Result<()> {
+        self.rows_and_faces(columns, false, progress, take)?;
+        Ok(())
+    }
+
+    /// As [`rows`](Self::rows); then reads the faces, if they are asked for and there. Faces that
+    /// are damaged are no error of the points.
+    fn rows_and_faces(
+        &mut self,
+        columns: &[usize],
+        faces: bool,
+        progress: &dyn Progress,
+        take: &mut dyn FnMut(Rows),
+    ) -> Result<Option<Faces>> {
         progress.stage("reading", self.bytes);
         progress.advance(self.header.bytes);
         match self.header.encoding {
-            Encoding::Ascii => ascii::rows(&mut self, columns, progress, take),
-            _ => binary::rows(&mut self, columns, progress, take),
+            Encoding::Ascii => ascii::rows(self, columns, faces, progress, take),
+            _ => binary::rows(self, columns, faces, progress, take),
         }
     }
 

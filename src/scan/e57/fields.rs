@@ -1,0 +1,277 @@
+//! What the values of an E57 point mean.
+
+use e57::{PointCloud, Record, RecordDataType, RecordName, RecordValue};
+use glam::{DQuat, DVec3, Vec3};
+
+use crate::colour::srgb_to_linear;
+use crate::points::{DEFAULT_REFLECTANCE, Grid, MAX_COLOUR_REFLECTANCE};
+
+/// A field, and how its stored values are to be read.
+#[derive(Clone, Copy)]
+struct Field {
+    index: usize,
+    scale: f64,
+    offset: f64,
+}
+
+/// Fields whose values count only where a state, if there is one, is 0.
+struct Checked<const N: usize> {
+    fields: [Field; N],
+    state: Option<Field>,
+}
+
+/// Where the values of a scan's points have what.
+pub struct Fields {
+    cartesian: Option<Checked<3>>,
+    /// Range, azimuth, elevation.
+    spherical: Option<Checked<3>>,
+    normal: Option<Checked<3>>,
+    colour: Option<(Checked<3>, [Span; 3])>,
+    intensity: Option<(Checked<1>, Span)>,
+}
+
+/// The values from black to white.
+#[derive(Clone, Copy)]
+struct Span {
+    min: f64,
+    max: f64,
+}
+
+impl Fields {
+    /// Tells in `repairs` what cannot be used, and why.
+    pub fn find(scan: &PointCloud, repairs: &mut Vec<String>) -> Self {
+        use RecordName as Name;
+        let one = |name: &Name| Field::find(&scan.prototype, name);
+        let checked = |names: [Name; 3], state: Name| {
+            let [a, b, c] = names.map(|name| one(&name));
+            Some(Checked {
+                fields: [a?, b?, c?],
+                state: one(&state),
+            })
+        };
+        let normal = ["normalX", "normalY", "normalZ"].map(|name| {
+            let is = |record: &&Record| matches!(&record.name, Name::Unknown { name: n, .. } if n == name);
+            Some(one(&scan.prototype.iter().find(is)?.name)?)
+        });
+        let limits = scan.color_limits.as_ref();
+        let spans = [
+            (Name::ColorRed, limits.map(|l| (&l.red_min, &l.red_max))),
+            (
+                Name::ColorGreen,
+                limits.map(|l| (&l.green_min, &l.green_max)),
+            ),
+            (Name::ColorBlue, limits.map(|l| (&l.blue_min, &l.blue_max))),
+        ]
+        .map(|(name, limits)| Span::of(&scan.prototype, &name, limits));
+        let colours = checked(
+            [Name::ColorRed, Name::ColorGreen, Name::ColorBlue],
+            Name::IsColorInvalid,
+        );
+        let colour = match (colours, spans) {
+            (Some(fields), [Some(r), Some(g), Some(b)]) => Some((fields, [r, g, b])),
+            (Some(_), _) => {
+                repairs.push(format!(
+                    "{} colours left out: no limits are given",
+                    scan.records
+                ));
+                None
+            }
+            (None, _) => None,
+        };
+        let limits = scan.intensity_limits.as_ref();
+        let span = Span::of(
+            &scan.prototype,
+            &Name::Intensity,
+            limits.map(|l| (&l.intensity_min, &l.intensity_max)),
+        );
+        let intensity = one(&Name::Intensity).zip(span).map(|(field, span)| {
+            let fields = Checked {
+                fields: [field],
+                state: one(&Name::IsIntensityInvalid),
+            };
+            (fields, span)
+        });
+        Fields {
+            cartesian: checked(
+                [Name::CartesianX, Name::CartesianY, Name::CartesianZ],
+                Name::CartesianInvalidState,
+            ),
+            spherical: checked(
+                [
+                    Name::SphericalRange,
+                    Name::SphericalAzimuth,
+                    Name::SphericalElevation,
+                ],
+                Name::SphericalInvalidState,
+            ),
+            normal: match normal {
+                [Some(x), Some(y), Some(z)] => Some(Checked {
+                    fields: [x, y, z],
+                    state: None,
+                }),
+                _ => None,
+            },
+            intensity: intensity.filter(|_| colour.is_none()),
+            colour,
+        }
+    }
+
+    pub fn has_coordinates(&self) -> bool {
+        self.cartesian.is_some() || self.spherical.is_some()
+    }
+
+    pub fn has_normals(&self) -> bool {
+        self.normal.is_some()
+    }
+
+    pub fn is_spherical(&self) -> bool {
+        self.cartesian.is_none() && self.spherical.is_some()
+    }
+
+    /// Number of points to which intensity gives a grey.
+    pub fn is_grey(&self) -> bool {
+        self.intensity.is_some()
+    }
+
+    /// In the coordinates of the scanner; `None` where it got no answer.
+    pub fn position(&self, values: &[RecordValue]) -> Option<DVec3> {
+        let cartesian = self.cartesian.as_ref().and_then(|c| c.values(values));
+        cartesian.map(DVec3::from).or_else(|| {
+            let [range, azimuth, elevation] = self.spherical.as_ref()?.values(values)?;
+            let (sin, cos) = elevation.sin_cos();
+            let direction = DVec3::new(cos * azimuth.cos(), cos * azimuth.sin(), sin);
+            (range > 0.0).then_some(range * direction)
+        })
+    }
+
+    /// In the coordinates of the scanner.
+    pub fn normal(&self, values: &[RecordValue]) -> Option<Vec3> {
+        let normal = self.normal.as_ref()?.values(values)?;
+        Some(DVec3::from(normal).as_vec3())
+    }
+
+    /// Colours are sRGB; where there are none, intensity is a linear grey.
+    pub fn reflectance(&self, values: &[RecordValue]) -> Vec3 {
+        let colour = self.colour.as_ref().and_then(|(fields, spans)| {
+            let colour = fields.values(values)?;
+            let linear = |k: usize| srgb_to_linear(spans[k].place(colour[k]));
+            Some(Vec3::from([0, 1, 2].map(linear)))
+        });
+        let grey = || {
+            let (field, span) = self.intensity.as_ref()?;
+            Some(Vec3::splat(span.place(field.values(values)?[0])))
+        };
+        let white = Vec3::splat(MAX_COLOUR_REFLECTANCE);
+        let reflectance = colour.or_else(grey);
+        reflectance.map_or(Vec3::splat(DEFAULT_REFLECTANCE), |r| r.min(white))
+    }
+
+    /// The grid of coordinates that are scaled integers.
+    pub fn grid(&self) -> Option<Grid> {
+        let fields = self.cartesian.as_ref()?.fields;
+        let grid = Grid {
+            scale: DVec3::from(fields.map(|field| field.scale)),
+            offset: DVec3::from(fields.map(|field| field.offset)),
+            reference: Vec::new(),
+        };
+        let scaled = |scale: f64| scale != 0.0 && scale != 1.0 && scale.is_finite();
+        let all = grid.scale.to_array().into_iter().all(scaled) && grid.offset.is_finite();
+        all.then_some(grid)
+    }
+}
+
+impl<const N: usize> Checked<N> {
+    fn values(&self, values: &[RecordValue]) -> Option<[f64; N]> {
+        let good = self.state.is_none_or(|state| state.value(values) == 0.0);
+        good.then(|| self.fields.map(|field| field.value(values)))
+    }
+}
+
+impl Field {
+    fn find(prototype: &[Record], name: &RecordName) -> Option<Self> {
+        let index = prototype.iter().position(|record| record.name == *name)?;
+        let (scale, offset) = match prototype[index].data_type {
+            RecordDataType::ScaledInteger { scale, offset, .. } => (scale, offset),
+            _ => (1.0, 0.0),
+        };
+        Some(Field {
+            index,
+            scale,
+            offset,
+        })
+    }
+
+    #[inline]
+    fn value(&self, values: &[RecordValue]) -> f64 {
+        match values[self.index] {
+            RecordValue::Single(value) => value.into(),
+            RecordValue::Double(value) => value,
+            RecordValue::Integer(value) | RecordValue::ScaledInteger(value) => {
+                value as f64 * self.scale + self.offset
+            }
+        }
+    }
+}
+
+impl Span {
+    /// The limits that are given, or else those of the type; `None` if there are none.
+    fn of(
+        prototype: &[Record],
+        name: &RecordName,
+        limits: Option<(&Option<RecordValue>, &Option<RecordValue>)>,
+    ) -> Option<Self> {
+        let field = Field::find(prototype, name)?;
+        let record = &prototype[field.index];
+        let number = |value: &RecordValue| value.to_f64(&record.data_type).ok();
+        let given =
+            limits.and_then(|(min, max)| Some((number(min.as_ref()?)?, number(max.as_ref()?)?)));
+        let of_type = || match record.data_type {
+            RecordDataType::Single { min, max } => Some((min?.into(), max?.into())),
+            RecordDataType::Double { min, max } => Some((min?, max?)),
+            RecordDataType::Integer { min, max } => Some((min as f64, max as f64)),
+            RecordDataType::ScaledInteger { min, max, .. } => {
+                let value = |integer| integer as f64 * field.scale + field.offset;
+                Some((value(min), value(max)))
+            }
+        };
+        // All that 64 bit hold is what is said where nothing is said.
+        let usable = |&(min, max): &(f64, f64)| max > min && max - min < 2f64.powi(63);
+        let (min, max) = given.filter(usable).or_else(of_type).filter(usable)?;
+        Some(Span { min, max })
+    }
+
+    /// Where in the span a value is, from 0 to 1.
+    fn place(&self, value: f64) -> f32 {
+        let place = ((value - self.min) / (self.max - self.min)) as f32;
+        if place.is_nan() {
+            0.5
+        } else {
+            place.clamp(0.0, 1.0)
+        }
+    }
+}
+
+/// From the coordinates of a scanner to those of the file; `None` if that is no rotation.
+pub fn pose(scan: &PointCloud) -> Option<(DQuat, DVec3)> {
+    let Some(pose) = &scan.transform else {
+        return Some((DQuat::IDENTITY, DVec3::ZERO));
+    };
+    let (q, t) = (&pose.rotation, &pose.translation);
+    let turn = DQuat::from_xyzw(q.x, q.y, q.z, q.w);
+    let place = DVec3::new(t.x, t.y, t.z);
+    let turns = turn.length_squared() > 0.0 && turn.length_squared().is_finite();
+    (turns && place.is_finite()).then(|| (turn.normalize(), place))
+}
+
+/// The name of a field in the file.
+pub fn name(record: &Record) -> String {
+    match &record.name {
+        RecordName::Unknown { namespace, name } => format!("{namespace}:{name}"),
+        // The crate's names are those of the standard, but for the capital.
+        name => {
+            let mut name = format!("{name:?}");
+            name[..1].make_ascii_lowercase();
+            name
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! The header of a LAS file and the records after it: read here, and checked against the file's
+//! length before anything is believed.
+//!
+//! The reader of the crate `las` would go through a billion records where the header promises
+//! that many, and allocate whatever an extended record claims; only its parsing of one header and
+//! of one record is used.
+
+use std::io::{BufRead, ErrorKind, Seek, SeekFrom};
+
+use glam::DVec3;
+use las::point::Format;
+use las::{Version, Vlr, raw};
+
+use crate::points::Grid;
+
+/// Bytes of a record's header.
+const VLR_HEADER: u64 = 54;
+/// The user of the records that say in which reference system coordinates are.
+const PROJECTION: &str = "LASF_Projection";
+/// User and number of the record that describes what points have beside the fields of the format.
+const EXTRA_BYTES: (&str, u16) = ("LASF_Spec", 4);
+
+pub struct Header {
+    pub version: Version,
+    pub points: u64,
+    pub format: Format,
+    /// Number of the format, without the bit for compression.
+    pub format_number: u8,
+    /// Bytes of a point, uncompressed.
+    pub stride: usize,
+    /// Where the points begin in the file.
+    pub begin: u64,
+    pub grid: Grid,
+    /// Content of the record that describes the compression.
+    pub laszip: Option<Vec<u8>>,
+    /// Names of what points have beside the fields of the format.
+    extra: Vec<String>,
+}
+
+impl Header {
+    /// Reads the header of a file of `bytes` bytes; fails with what is wrong.
+    pub fn read(
+        input: &mut (impl BufRead + Seek),
+        bytes: u64,
+        repairs: &mut Vec<String>,
+    ) -> Result<Header, String> {
+        let raw = raw::Header::read_from(&mut *input).map_err(|e| match e {
+            las::Error::Io(e) if e.kind() == ErrorKind::UnexpectedEof => {
+                "the file is cut short: it ends inside the header".to_owned()
+            }
+            e => format!("header: {e}"),
+        })?;
+        let Version { major, minor } = raw.version;
+        if major != 1 || minor > 4 {
+            return Err(format!(
+                "LAS version {major}.{minor}; understood are 1.0 to 1.4"
+            ));
+        }
+        let (format_number, format, stride) = format(&raw)?;
+        let begin = u64::from(raw.offset_to_point_data);
+        if begin < u64::from(raw.header_size.max(raw.version.header_size())) {
+            return Err(format!("the points begin inside the header, at {begin}"));
+        }
+        if begin > bytes {
+            return Err(format!(
+                "the file is cut short: its points begin at {begin}, but it has {bytes} bytes"
+            ));
+        }
+        let mut header = Header {
+            version: raw.version,
+            points: match (raw.number_of_point_records, raw.large_file) {
+                (0, Some(large)) => large.number_of_point_records,
+                (points, _) => u64::from(points),
+            },
+            format,
+            format_number,
+            stride,
+            begin,
+            grid: grid(&raw)?,
+            laszip: None,
+            extra: Vec::new(),
+        };
+        header
+            .read_records(input, &raw, repairs)
+            .map_err(|e| format!("the records after the header: {e}"))?;
+        Ok(header)
+    }
+
+    /// What the file says of each point.
+    pub fn fields(&self) -> Vec<String> {
+        let format = &self.format;
+        let fields = [
+            (
+                "x y z intensity returns classification scan_angle user_data source_id",
+                true,
+            ),
+            ("gps_time", format.has_gps_time),
+            ("red green blue", format.has_color),
+            ("nir", format.has_nir),
+            ("waveform", format.has_waveform),
+        ];
+        let present = fields.iter().filter(|(_, present)| *present);
+        present
+            .flat_map(|(names, _)| names.split(' ').map(str::to_owned))
+            .chain(self.extra.iter().cloned())
+            .collect()
+    }
+
+    /// Keeps those of the records before the points that are of use.
+    fn read_records(
+        &mut self,
+        input: &mut (impl BufRead + Seek),
+        raw: &raw::Header,
+        repairs: &mut Vec<String>,
+    ) -> las::Result<()> {
+        let promised = raw.number_of_variable_length_records;
+        let mut at = u64::from(raw.header_size);
+        input.seek(SeekFrom::Start(at))?;
+        for found in 0..promised {
+            let record = match at + VLR_HEADER <= self.begin {
+                true => Vlr::new(raw::Vlr::read_from(&mut *input, false)?),
+                false => Vlr::default(),
+            };
+            at += record.len(false) as u64;
+            if at > self.begin {
+                repairs.push(format!(
+                    "{promised} records promised after the header, but only {found} fit before \
+                     the points"
+                ));
+                break;
+            }
+            if las::laz::is_laszip_vlr(&record) {
+                self.laszip = Some(record.data);
+            } else if record.user_id == PROJECTION {
+                self.grid.reference.push((record.record_id, record.data));
+            } else if (record.user_id.as_str(), record.record_id) == EXTRA_BYTES {
+                self.extra = record.data.chunks_exact(192).map(extra_name).collect();
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The name in a description of extra bytes.
+fn extra_name(description: &[u8]) -> String {
+    let name = &description[4..36];
+    let end = name.iter().position(|&byte| byte == 0);
+    String::from_utf8_lossy(&name[..end.unwrap_or(name.len())]).into_owned()
+}
+
+/// Number, fields and length of a point.
+fn format(raw: &raw::Header) -> Result<(u8, Format, usize), String> {
+    // The highest bit says that points are compressed, the next was never used.
+    let number = raw.point_data_record_format & 0x7f;
+    let stride = raw.point_data_record_length;
+    let format = Format::new(raw.point_data_record_format)
+        .ok()
+        .filter(|_| number <= 10)
+        .ok_or_else(|| format!("point format {number}; understood are 0 to 10"))?;
+    if stride < format.len() {
+        return Err(format!(
+            "points of {stride} bytes, but format {number} takes {}",
+            format.len()
+        ));
+    }
+    Ok((number, format, stride.into()))
+}
+
+fn grid(raw: &raw::Header) -> Result<Grid, String> {
+    let grid = Grid {
+        scale: DVec3::new(raw.x_scale_factor, raw.y_scale_factor, raw.z_scale_factor),
+        offset: DVec3::new(raw.x_offset, raw.y_offset, raw.z_offset),
+        reference: Vec::new(),
+    };
+    let usable = |scale: f64| scale != 0.0 && scale.is_finite();
+    if grid.scale.to_array().into_iter().all(usable) && grid.offset.is_finite() {
+        Ok(grid)
+    } else {
+        Err(format!(
+            "coordinates cannot be counted in steps of {} from {}",
+            grid.scale, grid.offset
+        ))
+    }
+}

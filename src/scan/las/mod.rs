@@ -1,0 +1,279 @@
+//! LAS files, also compressed (LAZ, COPC).
+
+mod chunks;
+mod header;
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::Scan;
+use crate::colour::srgb_to_linear;
+use crate::error::{Error, Result};
+use crate::points::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
+use crate::progress::Progress;
+use chunks::{Chunk, Compression};
+use header::Header;
+
+/// Bytes that are read at a time; of a chunk that is longer, all.
+const BLOCK: u64 = 4 << 20;
+
+/// Reads a LAS or LAZ file of version 1.0 to 1.4.
+///
+/// Understood are the coordinates, on their grid, and the colours. Intensities are no colours:
+/// they fall with the distance.
+pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
+    let file = super::open(path)?;
+    let bytes = file
+        .metadata()
+        .map_err(|e| Error::io(path, "cannot be read", e))?
+        .len();
+    let mut las = Las {
+        path,
+        input: BufReader::with_capacity(1 << 16, file),
+        bytes,
+        progress,
+    };
+    let mut repairs = Vec::new();
+    let header =
+        Header::read(&mut las.input, bytes, &mut repairs).map_err(|what| las.error(what))?;
+    if header.points == 0 {
+        return Err(las.error("empty cloud: the file has no points"));
+    }
+    if header.points > u64::from(u32::MAX) {
+        return Err(Error::TooLarge(format!(
+            "{}: {} points; at most {} are possible",
+            path.display(),
+            header.points,
+            u32::MAX
+        )));
+    }
+    progress.stage("reading", bytes);
+    progress.advance(header.begin);
+    let record = Record::new(&header);
+    // The decompressor answers damaged data with an error nearly always. Where it panics instead,
+    // this is still an error of the file, and no reason to end the program.
+    let points = catch_unwind(AssertUnwindSafe(|| match header.format.is_compressed {
+        true => las.compressed(&header, &record),
+        false => las.plain(&header, &record),
+    }))
+    .unwrap_or_else(|_| Err(las.error("the compressed points are damaged")))?;
+
+    let Header { points: count, .. } = header;
+    let kind = if header.format.is_compressed {
+        "LAZ"
+    } else {
+        "LAS"
+    };
+    let reflectance = reflectance(&points.colours, &mut repairs)
+        .unwrap_or_else(|| vec![Vec3::splat(DEFAULT_REFLECTANCE); count as usize]);
+    Ok(Scan {
+        format: format!(
+            "{kind} {}, point format {}",
+            header.version, header.format_number
+        ),
+        fields: header.fields(),
+        cloud: PointCloud {
+            emission: vec![Vec3::ZERO; count as usize],
+            positions: points.positions,
+            reflectance,
+            grid: Some(header.grid),
+            repairs,
+            ..PointCloud::default()
+        },
+        ..Scan::default()
+    })
+}
+
+/// Where the bytes of a point have what.
+struct Record {
+    stride: usize,
+    scale: DVec3,
+    offset: DVec3,
+    /// Begin of the colour.
+    colour: Option<usize>,
+}
+
+/// Points in the order of the file; without colours if the format has none.
+#[derive(Default)]
+struct Points {
+    positions: Vec<DVec3>,
+    colours: Vec<[u16; 3]>,
+}
+
+impl Record {
+    fn new(header: &Header) -> Self {
+        let format = &header.format;
+        let fixed = if format.is_extended { 22 } else { 20 };
+        let time = if format.has_gps_time { 8 } else { 0 };
+        Record {
+            stride: header.stride,
+            scale: header.grid.scale,
+            offset: header.grid.offset,
+            colour: format.has_color.then_some(fixed + time),
+        }
+    }
+
+    /// Appends the points whose bytes are given.
+    fn decode(&self, bytes: &[u8], points: &mut Points) {
+        let rows = bytes.chunks_exact(self.stride);
+        points.positions.extend(rows.clone().map(|row| {
+            let integer = |at| i32::from_le_bytes([row[at], row[at + 1], row[at + 2], row[at + 3]]);
+            let integers = [0, 4, 8].map(|at| f64::from(integer(at)));
+            DVec3::from(integers) * self.scale + self.offset
+        }));
+        if let Some(colour) = self.colour {
+            points.colours.extend(rows.map(|row| {
+                [0, 2, 4].map(|at| u16::from_le_bytes([row[colour + at], row[colour + at + 1]]))
+            }));
+        }
+    }
+}
+
+impl Points {
+    fn append(&mut self, mut more: Points) {
+        self.positions.append(&mut more.positions);
+        self.colours.append(&mut more.colours);
+    }
+}
+
+struct Las<'a> {
+    path: &'a Path,
+    input: BufReader<File>,
+    bytes: u64,
+    progress: &'a dyn Progress,
+}
+
+impl Las<'_> {
+    fn error(&self, what: impl Into<String>) -> Error {
+        Error::input(self.path, what)
+    }
+
+    fn plain(&mut self, header: &Header, record: &Record) -> Result<Points> {
+        let stride = record.stride as u64;
+        let room = (self.bytes - header.begin) / stride;
+        if room < header.points {
+            return Err(self.error(format!(
+                "the file is cut short: its header promises {} points, and there is room for {room}",
+                header.points
+            )));
+        }
+        let count = (BLOCK / stride).max(1);
+        let parts: Vec<Chunk> = (0..header.points)
+            .step_by(count as usize)
+            .map(|begin| count.min(header.points - begin))
+            .map(|points| Chunk {
+                points,
+                bytes: points * stride,
+            })
+            .collect();
+        self.parts(header.begin, &parts, |_, bytes, points| {
+            record.decode(bytes, points);
+            Ok(())
+        })
+    }
+
+    fn compressed(&mut self, header: &Header, record: &Record) -> Result<Points> {
+        let compression = Compression::read(&mut self.input, self.bytes, header)
+            .map_err(|what| self.error(what))?;
+        self.parts(
+            compression.begin,
+            &compression.chunks,
+            |chunk, bytes, points| {
+                compression.decompress(chunk, bytes, |rows| record.decode(rows, points))
+            },
+        )
+    }
+
+    /// Points from parts of the file that lie one after the other from `begin` on: as many as
+    /// there are threads are read, and then decoded in parallel. Nothing is allocated for points
+    /// before their bytes are there and decoded.
+    fn parts(
+        &mut self,
+        begin: u64,
+        parts: &[Chunk],
+        decode: impl Fn(Chunk, &[u8], &mut Points) -> laz::Result<()> + Sync,
+    ) -> Result<Points> {
+        let cannot_be_read = |e| Error::io(self.path, "cannot be read", e);
+        self.input
+            .seek(SeekFrom::Start(begin))
+            .map_err(cannot_be_read)?;
+        let mut points = Points::default();
+        for parts in parts.chunks(2 * rayon::current_num_threads()) {
+            self.progress.check()?;
+            let total = parts.iter().map(|part| part.bytes).sum();
+            let mut bytes = vec![0; total as usize];
+            self.input.read_exact(&mut bytes).map_err(cannot_be_read)?;
+            let mut rest = &bytes[..];
+            let parts: Vec<(Chunk, &[u8])> = parts
+                .iter()
+                .map(|&part| {
+                    let (bytes, after) = rest.split_at(part.bytes as usize);
+                    rest = after;
+                    (part, bytes)
+                })
+                .collect();
+            let decoded: Vec<laz::Result<Points>> = parts
+                .into_par_iter()
+                .map(|(part, bytes)| {
+                    let mut points = Points::default();
+                    decode(part, bytes, &mut points)?;
+                    Ok(points)
+                })
+                .collect();
+            for part in decoded {
+                let part = part.map_err(|e| {
+                    Error::input(
+                        self.path,
+                        format!(
+                            "the compressed points are damaged, after {} of them: {e}",
+                            points.positions.len()
+                        ),
+                    )
+                })?;
+                points.append(part);
+            }
+            self.progress.advance(total);
+        }
+        Ok(points)
+    }
+}
+
+/// Reflectances of sRGB colours, whose writers fill the 16 bits in different ways; `None` if there
+/// are no colours.
+fn reflectance(colours: &[[u16; 3]], repairs: &mut Vec<String>) -> Option<Vec<Vec3>> {
+    let (all, largest, lower) = colours
+        .par_iter()
+        .flatten_iter()
+        .map(|&c| (1, c, c & 0xff))
+        .reduce(|| (0, 0, 0), |a, b| (a.0 + b.0, a.1.max(b.1), a.2 | b.2));
+    let count = all / 3;
+    let levels: fn(u16) -> f32 = match (largest, lower) {
+        (0, _) => {
+            if count > 0 {
+                repairs.push(format!("{count} colours left out: all are black"));
+            }
+            return None;
+        }
+        (..=0xff, _) => {
+            repairs.push(format!("{count} colours of 8 bit found in 16"));
+            |c| f32::from(c) / 255.0
+        }
+        (_, 0) => {
+            repairs.push(format!(
+                "{count} colours of 8 bit found in the upper half of 16"
+            ));
+            |c| f32::from(c >> 8) / 255.0
+        }
+        _ => |c| f32::from(c) / 65535.0,
+    };
+    let table: Vec<f32> = (0..=u16::MAX)
+        .map(|c| srgb_to_linear(levels(c).min(1.0)).min(MAX_COLOUR_REFLECTANCE))
+        .collect();
+    let linear = |colour: &[u16; 3]| Vec3::from(colour.map(|c| table[usize::from(c)]));
+    Some(colours.par_iter().map(linear).collect())
+}

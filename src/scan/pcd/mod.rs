@@ -1,0 +1,303 @@
+//! PCD files of the Point Cloud Library: ascii, binary and compressed.
+
+mod header;
+mod lzf;
+
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::fields::{Builder, Colour, Fields, Rows};
+use super::lines::{Lines, not_a_number, words};
+use super::{Scan, scanner};
+use crate::error::{Error, Result};
+use crate::memory;
+use crate::progress::Progress;
+pub(super) use header::begins;
+use header::{Data, Header, Kind};
+
+/// Bytes that are read, decoded and handed on at a time.
+const BLOCK: usize = 4 << 20;
+/// Rows for one thread at a time.
+const GRAIN: usize = 4096;
+
+/// Reads a PCD file.
+///
+/// Understood are `x y z`, `normal_x normal_y normal_z`, and colour as `rgb` or `rgba`, packed into
+/// one value; the other names are those of PLY files. Points that are no numbers, as organised
+/// clouds have them, stay in the cloud. Where VIEWPOINT tells it, the scanner stands.
+pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
+    let (file, bytes) = super::open_sized(path)?;
+    progress.stage("reading", bytes);
+    let mut input = BufReader::with_capacity(1 << 16, file);
+    let header = header::read(&mut input).map_err(|what| Error::input(path, what))?;
+    progress.advance(header.bytes);
+    let bytes = bytes.saturating_sub(header.bytes);
+    header.check(path, bytes)?;
+    if header.points == 0 {
+        return Err(Error::input(path, "empty cloud: the header says 0 points"));
+    }
+    let mut repairs = Vec::new();
+    let columns = Columns::of(&header);
+    let fields = Fields::find(
+        |name| columns.find(name),
+        |of, repairs| columns.colour(of, repairs),
+        &mut repairs,
+    );
+    let fields = fields.ok_or_else(|| Error::input(path, "the fields lack x, y or z"))?;
+    let chosen: Vec<Column> = fields.columns.iter().map(|&i| columns.0[i].1).collect();
+    let mut builder = Builder::new(fields, 0);
+    let mut take = |rows: Rows| builder.append(rows);
+    let body = Body {
+        path,
+        header: &header,
+        columns: &chosen,
+        progress,
+    };
+    match header.data {
+        Data::Ascii => body.ascii(input, &mut take)?,
+        Data::Binary => body.binary(input, &mut take)?,
+        Data::Compressed => body.compressed(input, bytes, &mut take)?,
+    }
+    let mut cloud = builder.finish(repairs);
+    cloud
+        .scanners
+        .extend(scanner(&cloud, 0..cloud.len(), header.viewpoint));
+    let encoding = match header.data {
+        Data::Ascii => "ascii",
+        Data::Binary => "binary",
+        Data::Compressed => "binary_compressed",
+    };
+    let [width, height] = header.size;
+    let size = match height {
+        0 | 1 => String::new(),
+        _ => format!(", organised {width} x {height}"),
+    };
+    Ok(Scan {
+        format: format!("PCD, {encoding}{size}"),
+        fields: header.fields.into_iter().map(|field| field.name).collect(),
+        sampled: false,
+        cloud,
+    })
+}
+
+/// A value within the bytes of a point.
+#[derive(Clone, Copy)]
+struct Column {
+    /// Field, and byte within it.
+    field: usize,
+    byte: usize,
+    kind: Kind,
+}
+
+impl Column {
+    fn decode(self, bytes: &[u8]) -> f64 {
+        self.kind.decode(&bytes[self.byte..])
+    }
+}
+
+/// All values that a point has, by their names in PLY files.
+struct Columns(Vec<(String, Column)>);
+
+impl Columns {
+    fn of(header: &Header) -> Self {
+        let mut columns = Vec::new();
+        for (field, of) in header.fields.iter().enumerate() {
+            let mut add = |name: &str, byte, kind| {
+                columns.push((name.to_owned(), Column { field, byte, kind }));
+            };
+            match &*of.name {
+                // 0xRRGGBB in the bits of the value, whatever its type.
+                "rgb" | "rgba" if of.kind.size() == 4 => {
+                    for (byte, name) in ["blue", "green", "red"].into_iter().enumerate() {
+                        add(name, byte, Kind::U1);
+                    }
+                }
+                "normal_x" => add("nx", 0, of.kind),
+                "normal_y" => add("ny", 0, of.kind),
+                "normal_z" => add("nz", 0, of.kind),
+                name => add(name, 0, of.kind),
+            }
+        }
+        Columns(columns)
+    }
+
+    fn find(&self, name: &str) -> Option<usize> {
+        self.0.iter().position(|(other, _)| other == name)
+    }
+
+    /// How three columns hold a colour.
+    fn colour(&self, columns: [usize; 3], repairs: &mut Vec<String>) -> Option<Colour> {
+        let kinds = columns.map(|column| self.0[column].1.kind);
+        let colour = match kinds {
+            [Kind::U1, Kind::U1, Kind::U1] => Some(Colour::srgb(1 << 8)),
+            [Kind::U2, Kind::U2, Kind::U2] => Some(Colour::srgb(1 << 16)),
+            [Kind::F4 | Kind::F8, ..] => Some(Colour::Linear),
+            _ => None,
+        };
+        if colour.is_none() {
+            repairs.push("red green blue left out: only U 1, U 2 and F are understood".to_owned());
+        }
+        colour
+    }
+}
+
+/// The points of a file, behind its header.
+struct Body<'a> {
+    path: &'a Path,
+    header: &'a Header,
+    columns: &'a [Column],
+    progress: &'a dyn Progress,
+}
+
+impl Body<'_> {
+    /// One line a point. Its words are made the bytes that a binary file has.
+    fn ascii(&self, input: impl Read, take: &mut dyn FnMut(Rows)) -> Result<()> {
+        let header = self.header;
+        let mut lines = Lines::new(self.path, input, b'\n', header.lines + 1, self.progress);
+        let parse = |line: &[u8], row: &mut [f64]| {
+            let mut words = words(line);
+            for (i, field) in header.fields.iter().enumerate() {
+                let missing = || format!("the line ends before the value of {:?}", field.name);
+                let mut bytes = [0; 8];
+                let word = words.next().ok_or_else(missing)?;
+                let encoded = field.kind.encode(word, &mut bytes);
+                encoded.ok_or_else(|| not_a_number(word, &format!("field {:?}", field.name)))?;
+                for _ in 1..field.count {
+                    words.next().ok_or_else(missing)?;
+                }
+                for (value, column) in row.iter_mut().zip(self.columns) {
+                    if column.field == i {
+                        *value = column.decode(&bytes);
+                    }
+                }
+            }
+            match words.next() {
+                None => Ok(()),
+                Some(_) => Err("more values than the header has fields".to_owned()),
+            }
+        };
+        match lines.rows(header.points, self.columns.len(), parse, take)? {
+            done if done < header.points => Err(self.cut_short(done)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Points of equal length.
+    fn binary(&self, mut input: impl Read, take: &mut dyn FnMut(Rows)) -> Result<()> {
+        let stride = self.header.stride();
+        let places = self.places(|field| self.header.offset(field));
+        let block = (BLOCK / stride).clamp(1, self.header.points);
+        let mut bytes = vec![0; block * stride];
+        let mut done = 0;
+        while done < self.header.points {
+            let rows = block.min(self.header.points - done);
+            let bytes = &mut bytes[..rows * stride];
+            input.read_exact(bytes).map_err(|e| match e.kind() {
+                std::io::ErrorKind::UnexpectedEof => self.cut_short(done),
+                _ => Error::io(self.path, "cannot be read", e),
+            })?;
+            let value = |row: usize, (place, column): (usize, Column)| {
+                column.decode(&bytes[row * stride + place..])
+            };
+            self.take_rows(rows, &places, value, take)?;
+            self.progress.advance(bytes.len() as u64);
+            done += rows;
+        }
+        Ok(())
+    }
+
+    /// All values of a field, then all of the next, compressed together.
+    fn compressed(
+        &self,
+        mut input: impl Read,
+        bytes: u64,
+        take: &mut dyn FnMut(Rows),
+    ) -> Result<()> {
+        let error = |what: String| Error::input(self.path, what);
+        let cannot = |e| Error::io(self.path, "cannot be read", e);
+        let points = self.header.points;
+        let mut sizes = [[0; 4]; 2];
+        for size in &mut sizes {
+            input.read_exact(size).map_err(|_| self.cut_short(0))?;
+        }
+        let [packed, unpacked] = sizes.map(|size| u64::from(u32::from_le_bytes(size)));
+        let expected = points as u128 * self.header.stride() as u128;
+        if u128::from(unpacked) != expected {
+            return Err(error(format!(
+                "{points} points take {expected} bytes, but the compressed ones are said to have \
+                 {unpacked}"
+            )));
+        }
+        if packed + 8 > bytes {
+            return Err(error(format!(
+                "the file is cut short: it has {} of {packed} bytes of compressed points",
+                bytes.saturating_sub(8)
+            )));
+        }
+        lzf::check(packed, unpacked).map_err(error)?;
+        memory::check_points(points as u64)
+            .map_err(|e| Error::TooLarge(format!("{}: {e}", self.path.display())))?;
+        let mut compressed = Vec::new();
+        input
+            .take(packed)
+            .read_to_end(&mut compressed)
+            .map_err(cannot)?;
+        self.progress.advance(packed);
+        self.progress.check()?;
+        let mut bytes = vec![0; unpacked as usize];
+        lzf::decompress(&compressed, &mut bytes).map_err(error)?;
+        drop(compressed);
+        let fields = self.places(|field| points * self.header.offset(field));
+        let size_of = |column: Column| self.header.fields[column.field].size();
+        let block = BLOCK / self.header.stride().min(BLOCK);
+        for done in (0..points).step_by(block.max(1)) {
+            let value = |row: usize, (place, column): (usize, Column)| {
+                column.decode(&bytes[place + (done + row) * size_of(column)..])
+            };
+            let rows = block.max(1).min(points - done);
+            self.take_rows(rows, &fields, value, take)?;
+        }
+        Ok(())
+    }
+
+    /// Each column with the place where its field begins.
+    fn places(&self, begin: impl Fn(usize) -> usize) -> Vec<(usize, Column)> {
+        let place = |column: &Column| (begin(column.field), *column);
+        self.columns.iter().map(place).collect()
+    }
+
+    /// Hands on some rows, whose values are found on all threads.
+    fn take_rows(
+        &self,
+        rows: usize,
+        places: &[(usize, Column)],
+        value: impl Fn(usize, (usize, Column)) -> f64 + Sync,
+        take: &mut dyn FnMut(Rows),
+    ) -> Result<()> {
+        self.progress.check()?;
+        let mut values = vec![0.0; rows * places.len()];
+        values
+            .par_chunks_exact_mut(places.len())
+            .enumerate()
+            .with_min_len(GRAIN)
+            .for_each(|(row, values)| {
+                for (to, &place) in values.iter_mut().zip(places) {
+                    *to = value(row, place);
+                }
+            });
+        take(&values);
+        Ok(())
+    }
+
+    fn cut_short(&self, done: usize) -> Error {
+        Error::input(
+            self.path,
+            format!(
+                "the file is cut short: it ends after {done} of {} points",
+                self.header.points
+            ),
+        )
+    }
+}
