@@ -4,6 +4,9 @@ use glam::{DVec3, Vec3};
 
 use crate::points::{PointCloud, Surfels};
 
+/// A point this many radii beside the surfel that it has its light from is no part of it.
+const FAR: f64 = 3.0;
+
 /// The illumination map: one entry a point of the cloud, in its order.
 #[derive(Clone, Debug, Default)]
 pub struct IlluminationMap {
@@ -11,9 +14,9 @@ pub struct IlluminationMap {
     pub irradiance: Vec<Vec3>,
     /// Radiosity B = emission + reflectance * H.
     pub radiosity: Vec<Vec3>,
-    /// Radius in the scan's unit of the disc with the point's area.
+    /// Radius in the scan's unit of the disc with the point's area; 0 where it stands for no surface.
     pub radius: Vec<f32>,
-    /// False for points that were left out of the transport (no usable position or normal, or a
+    /// False for points that were left out of the transport (no usable position or normal, strays, buried, thinned out, or a
     /// duplicate of another point): they send no light.
     pub in_transport: Vec<bool>,
 }
@@ -36,7 +39,15 @@ impl IlluminationMap {
             map.irradiance.push(light);
             map.radiosity
                 .push(cloud.emission[i] + cloud.reflectance[i] * light);
-            map.radius.push((area / std::f32::consts::PI).sqrt());
+            let radius = (area / std::f32::consts::PI).sqrt();
+            let far = |k: usize| {
+                let at = surfels.origin + surfels.positions[k].as_dvec3();
+                at.distance(cloud.positions[i]) > FAR * f64::from(radius)
+            };
+            map.radius.push(match place {
+                Some(k) if !far(k) => radius,
+                _ => 0.0,
+            });
             let own = place.is_some_and(|k| surfels.points[k] as usize == i);
             map.in_transport.push(own);
         }

@@ -16,6 +16,11 @@ pub(crate) enum Purpose {
     CheckRows,
     CheckEnergy,
     Rays,
+    /// Orders in which points are thinned out, rays that find the lit side of a surface or what is
+    /// buried.
+    Thin,
+    Sides,
+    Buried,
     Errors,
     Mesh,
 }

@@ -72,11 +72,8 @@ fn links_agree_with_exact_sums() {
     let options = Options {
         method: Method::Fmm,
         occlusion: Occlusion::Surfels,
-        tolerance: None,
-        order: None,
-        max_bounces: None,
-        rays: None,
         seed: 0,
+        ..Options::default()
     };
     let began = Instant::now();
     let result = illuminate(&scene, &options, Backend::Cpu, &Silent).unwrap();

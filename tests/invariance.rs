@@ -37,11 +37,8 @@ fn solve(scene: &Scene, method: Method, occlusion: Occlusion) -> Vec<Vec3> {
     let options = Options {
         method,
         occlusion,
-        tolerance: None,
-        order: None,
-        max_bounces: None,
-        rays: None,
         seed: 1,
+        ..Options::default()
     };
     let result = illuminate(scene, &options, Backend::Cpu, &Silent).unwrap();
     result.map.irradiance

@@ -7,6 +7,7 @@ use std::time::Instant;
 use clap::ValueEnum;
 use fmmgi_gpu::illuminate::{RAYS, checks::Checks};
 use fmmgi_gpu::output::{self, Format, write_atomic, write_stats};
+use fmmgi_gpu::points::{Facing, Thinning};
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
 use fmmgi_gpu::{
     Error, Method, Occlusion, Options, Progress, Result, Scene, Stats, illuminate, memory, render,
@@ -79,6 +80,16 @@ pub struct Args {
     /// Irradiance that an open plane gets from a uniform sky, instead of the scene's
     #[arg(long, value_name = "R,G,B", value_parser = values::rgb, allow_hyphen_values = true)]
     sky: Option<Vec3>,
+    /// To which side the normals point that a scan lacks: auto, inward (a room), outward (an object),
+    /// or viewpoint:X,Y,Z from where all was seen
+    #[arg(long, value_name = "SIDE", value_parser = values::facing, default_value = "auto")]
+    normals: Facing,
+    /// Thin out to this distance between points; those left out take the light of the others
+    #[arg(long, value_name = "S", value_parser = values::positive)]
+    spacing: Option<f64>,
+    /// Thin out evenly to no more than this many points
+    #[arg(long, value_name = "N")]
+    max_points: Option<NonZeroUsize>,
     /// Size of the picture in pixels
     #[arg(long, value_name = "WxH", value_parser = values::size, default_value = "1280x720")]
     size: Size,
@@ -143,6 +154,12 @@ pub fn run(args: &Args) -> Result<Done> {
     scene.lights.extend(&args.light);
     scene.sky = args.sky.unwrap_or(scene.sky);
     let load = began.elapsed().as_secs_f64();
+    let clock = Instant::now();
+    scene
+        .cloud
+        .estimate_normals(&args.normals, &progress)
+        .map_err(|error| error.about(outputs::names(&args.inputs)))?;
+    let normals = clock.elapsed().as_secs_f64();
     warn_of_darkness(&scene, &progress);
     progress.note(&format!("backend: {}", chosen.describe()));
 
@@ -171,6 +188,7 @@ pub fn run(args: &Args) -> Result<Done> {
     }
     let stats = &mut result.stats;
     stats.seconds.load = load;
+    stats.seconds.prepare += normals;
     stats.seconds.write = written.elapsed().as_secs_f64();
     stats.seconds.total = began.elapsed().as_secs_f64();
     stats.peak_memory_bytes = memory::peak_bytes();
@@ -212,6 +230,10 @@ impl Args {
             max_bounces: self.max_bounces,
             rays: self.rays,
             seed: self.seed,
+            thinning: Thinning {
+                spacing: self.spacing,
+                max_points: self.max_points.map(NonZeroUsize::get),
+            },
         }
     }
 }

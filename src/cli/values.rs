@@ -1,5 +1,6 @@
 //! Values on the command line: parsed and checked.
 
+use fmmgi_gpu::points::Facing;
 use fmmgi_gpu::scene::{BRIGHTEST, LARGEST, PointLight, TOLERANCES};
 use glam::{DVec3, Vec3};
 
@@ -34,6 +35,27 @@ pub fn tolerance(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(tolerance) if TOLERANCES.contains(&tolerance) => Ok(tolerance),
         _ => Err("must be a number from 1e-6 to 0.5, for instance 0.03".to_owned()),
+    }
+}
+
+/// A length or an area.
+pub fn positive(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if number > 0.0 && number <= LARGEST => Ok(number),
+        _ => Err(format!("must be a number above 0, at most {LARGEST:e}")),
+    }
+}
+
+/// To which side normals point.
+pub fn facing(text: &str) -> Result<Facing, String> {
+    match text {
+        "auto" => Ok(Facing::Auto),
+        "inward" => Ok(Facing::Inward),
+        "outward" => Ok(Facing::Outward),
+        _ => match text.strip_prefix("viewpoint:").map(place) {
+            Some(viewpoint) => viewpoint.map(Facing::Viewpoint),
+            None => Err("must be auto, inward, outward or viewpoint:X,Y,Z".to_owned()),
+        },
     }
 }
 

@@ -11,7 +11,7 @@ use super::stats::Seconds;
 use crate::error::{Error, Result};
 use crate::map::IlluminationMap;
 use crate::octree::Octree;
-use crate::points::{self, PointCloud, Surfels};
+use crate::points::{self, PointCloud, Prepared, Surfels};
 use crate::progress::Progress;
 use crate::visibility::Occluders;
 
@@ -41,18 +41,31 @@ impl Geometry {
         progress: &dyn Progress,
     ) -> Result<(Geometry, Seconds)> {
         let start = Instant::now();
-        let prepared = Surfels::prepare(cloud, progress)?;
+        let mut prepared = Surfels::prepare_fewer(cloud, &options.thinning, progress)?;
         let prepare = start.elapsed().as_secs_f64();
         progress.stage("octree", 1);
         let (order, leaf_size) = expansions(options, tolerance, prepared.surfels.len(), backend)?;
-        let (octree, surfels) = Octree::build(&prepared.surfels, leaf_size);
+        let build = |prepared: &Prepared| {
+            let (octree, surfels) = Octree::build(&prepared.surfels, leaf_size);
+            let occluders = match options.occlusion {
+                Occlusion::Surfels => Some(Occluders::build(&surfels)),
+                Occlusion::None => None,
+            };
+            (octree, surfels, occluders)
+        };
+        let (mut octree, mut surfels, mut occluders) = build(&prepared);
+        if let Some(of_all) = &occluders {
+            let buried = points::buried(&surfels, of_all);
+            if !buried.is_empty() {
+                let points: Vec<u32> = buried.iter().map(|&s| surfels.points[s as usize]).collect();
+                prepared.leave_out_buried(&points, progress)?;
+                (octree, surfels, occluders) = build(&prepared);
+            }
+        }
         let places = prepared.places(&surfels);
         drop(prepared.surfels);
         let geometry = Geometry {
-            occluders: match options.occlusion {
-                Occlusion::Surfels => Some(Occluders::build(&surfels)),
-                Occlusion::None => None,
-            },
+            occluders,
             surfels: Arc::new(surfels),
             places,
             fingerprint: cloud.fingerprint(),

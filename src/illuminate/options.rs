@@ -8,6 +8,7 @@ use crate::error::{Error, Result};
 use crate::links;
 use crate::octree::LEAF_SIZE;
 use crate::passes::gpu;
+use crate::points::Thinning;
 use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
 
 /// How the transport operator is applied.
@@ -58,6 +59,8 @@ pub struct Options {
     pub rays: Option<u32>,
     /// Seed of all samples: the same seed gives the same bits.
     pub seed: u64,
+    /// Fewer points to do the work with.
+    pub thinning: Thinning,
 }
 
 /// Where the passes run.

@@ -37,6 +37,8 @@ pub(super) struct Cell {
     pub depth: f64,
     /// Mean distance of the six nearest neighbours of similar normal.
     pub spacing: f64,
+    /// How far positions and normals of those disagree, as a slope; 1 without any.
+    pub slope: f64,
 }
 
 /// A cell reaches no farther than this many spacings: as far as cells of random points do.
@@ -103,12 +105,22 @@ impl Cell {
         }
         let area = polygon.area();
         let bend = bend(normal, neighbours.iter().filter(similar));
+        let slopes = neighbours
+            .iter()
+            .filter(similar)
+            .take(6)
+            .map(|n| 0.5 * (normal + n.normal).dot(n.offset).abs() / n.offset.length());
         Cell {
             depth: (HEXAGON * area * bend).max(0.0),
             tangent,
             corners: polygon.bounded(),
             area,
             spacing,
+            slope: if count > 0 {
+                slopes.sum::<f64>() / count as f64
+            } else {
+                1.0
+            },
         }
     }
 }

@@ -1,17 +1,30 @@
 //! Points and what they stand for: surfels with their cells.
 
+mod buried;
 mod cells;
 mod cloud;
 mod fingerprint;
 mod neighbours;
+mod normals;
+mod orient;
+mod plane;
+mod prepare;
+mod quality;
 mod rule;
 mod select;
+mod sides;
 mod smooth;
+mod strays;
 mod surfels;
 mod survey;
+mod thin;
 
+pub use buried::buried;
 pub use cells::{Cells, MAX_EDGES};
 pub use cloud::{DEFAULT_REFLECTANCE, Grid, MAX_COLOUR_REFLECTANCE, PointCloud, Scanner};
-pub(crate) use surfels::check;
-pub use surfels::{Prepared, Surfels};
+pub use orient::Facing;
+pub(crate) use prepare::check;
+pub use prepare::{Prepared, Thinning};
+pub use quality::Quality;
+pub use surfels::Surfels;
 pub use survey::Survey;

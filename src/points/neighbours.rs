@@ -57,4 +57,25 @@ impl<'a> Neighbours<'a> {
             });
         }
     }
+
+    /// Puts the `count` nearest neighbours of point i into `near`, nearest first: their indices, and
+    /// their positions relative to the point; less those at the place of the point itself.
+    pub fn nearest(&self, i: usize, count: usize, near: &mut Vec<(u32, DVec3)>) {
+        near.clear();
+        let place = self.positions[i];
+        near.extend(self.around(place, count + 1).into_iter().filter_map(|j| {
+            let offset = self.positions[j as usize] - place;
+            (offset != Vec3::ZERO).then(|| (j, offset.as_dvec3()))
+        }));
+    }
+
+    /// The points nearest to a place, nearest first.
+    pub fn around(&self, place: Vec3, count: usize) -> Vec<u32> {
+        let found = self
+            .tree
+            .query(&place.to_array())
+            .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(count - 1))
+            .execute();
+        found.iter().map(|item| item.item as u32).collect()
+    }
 }

@@ -21,6 +21,8 @@ const OFFSET_OF_ROUGHNESS: f64 = 4.0;
 pub(super) struct SurfaceRule {
     /// How far positions and normals disagree, as a slope.
     pub roughness: f64,
+    /// How far points lie beside the surface of their neighbours, in spacings.
+    pub noise: f64,
     /// Height of a segment's ends above the surface, in spacings.
     pub offset: f64,
     /// Scale of a cell as an occluder.
@@ -36,11 +38,12 @@ impl SurfaceRule {
     /// Clean surfaces keep their corners sharp and their seams tight; noisy ones get room, so
     /// that bumps of the noise cast no shadow.
     pub fn measure(normals: &[Vec3], neighbours: &Neighbours) -> SurfaceRule {
-        let (roughness, spacing) = roughness_and_spacing(normals, neighbours);
+        let [roughness, noise, spacing] = roughness_noise_and_spacing(normals, neighbours);
         let [least, most] = OFFSETS;
         let offset = (OFFSET_OF_ROUGHNESS * roughness).clamp(least, most);
         SurfaceRule {
             roughness,
+            noise,
             offset,
             scale: 1.02 + 0.4 * (offset - least),
             crease: (0.75 - 5.0 * roughness).clamp(0.5, 0.75),
@@ -54,14 +57,15 @@ impl SurfaceRule {
     }
 }
 
-/// Roughness of the cloud, as a slope, and distance between neighbours: medians over a sample of the
-/// surfels, of means over the six nearest neighbours of similar normal.
+/// Roughness of the cloud, as a slope, distance of the points from the surface, in spacings, and
+/// distance between neighbours: medians over a sample of the surfels, of means over the six nearest
+/// neighbours of similar normal.
 ///
 /// For neighbours on a circular arc (n_i + n_j) · (x_j - x_i) = 0 whatever the curvature, so that
 /// the slope |(n_i + n_j) · d| / 2|d| measures noise of positions and normals alone.
-fn roughness_and_spacing(normals: &[Vec3], neighbours: &Neighbours) -> (f64, f64) {
+fn roughness_noise_and_spacing(normals: &[Vec3], neighbours: &Neighbours) -> [f64; 3] {
     let step = normals.len().div_ceil(SAMPLE);
-    let (slopes, spacings): (Vec<f64>, Vec<f64>) = (0..normals.len())
+    let measured: Vec<[f64; 3]> = (0..normals.len())
         .into_par_iter()
         .step_by(step)
         .filter_map(|i| {
@@ -69,23 +73,38 @@ fn roughness_and_spacing(normals: &[Vec3], neighbours: &Neighbours) -> (f64, f64
             neighbours.find(i, NEIGHBOURS, normals, &mut near);
             let normal = normals[i].as_dvec3();
             let similar = near.iter().filter(|n| n.normal.dot(normal) > 0.7).take(6);
-            let (slopes, lengths, count) =
-                similar.fold((0.0, 0.0, 0.0), |(slopes, lengths, count), n| {
+            let zero = (0.0, 0.0, 0.0, 0.0);
+            let (slopes, heights, lengths, count) =
+                similar.fold(zero, |(slopes, heights, lengths, count), n| {
                     let length = n.offset.length();
-                    let slope = 0.5 * (normal + n.normal).dot(n.offset).abs() / length;
-                    (slopes + slope, lengths + length, count + 1.0)
+                    let height = 0.5 * (normal + n.normal).dot(n.offset);
+                    let slope = height.abs() / length;
+                    (
+                        slopes + slope,
+                        heights + height,
+                        lengths + length,
+                        count + 1.0,
+                    )
                 });
-            (count > 0.0).then(|| (slopes / count, lengths / count))
+            let means = [
+                slopes,
+                heights.abs() / lengths.max(f64::MIN_POSITIVE),
+                lengths,
+            ];
+            (count > 0.0).then(|| [means[0] / count, means[1], means[2] / count])
         })
-        .unzip();
+        .collect();
     // Without a single pair of neighbours there is nothing to follow and nothing to bound.
-    (
-        median(slopes).unwrap_or(0.0),
-        median(spacings).unwrap_or(f64::INFINITY),
-    )
+    let middle = |k: usize| median(measured.iter().map(|m| m[k]).collect());
+    [
+        middle(0).unwrap_or(0.0),
+        middle(1).unwrap_or(0.0),
+        middle(2).unwrap_or(f64::INFINITY),
+    ]
 }
 
-fn median(mut values: Vec<f64>) -> Option<f64> {
+/// The upper one of two middle values; `None` of nothing.
+pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }

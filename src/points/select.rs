@@ -94,7 +94,7 @@ pub(super) fn select(
 
 /// Component-wise median of the usable points: near it f32 is most precise, and single points far
 /// away do not move it.
-fn middle(cloud: &PointCloud, usable: impl Fn(usize) -> bool) -> Option<DVec3> {
+pub(super) fn middle(cloud: &PointCloud, usable: impl Fn(usize) -> bool) -> Option<DVec3> {
     let positions = (0..cloud.len())
         .filter(|&i| usable(i))
         .map(|i| cloud.positions[i]);

@@ -1,9 +1,9 @@
-//! Normals that scatter, averaged over their neighbours.
+//! Normals and positions that scatter, averaged over their neighbours.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::neighbours::Neighbours;
+use super::neighbours::{Neighbour, Neighbours};
 use super::rule::SurfaceRule;
 
 /// Neighbours that a normal is averaged with: enough to halve its noise, near enough to leave the
@@ -45,4 +45,45 @@ pub(super) fn smoothed(
         .collect();
     let smoother = SurfaceRule::measure(&smooth, neighbours);
     (smoother.roughness < rule.roughness).then_some((smooth, smoother))
+}
+
+/// Noise, in spacings, above which points are moved. Below it cells come out right as they are.
+const MOVED_FROM: f64 = 0.12;
+/// Neighbours that a position is averaged with, if they are of the same side.
+const SURFACE: usize = 32;
+/// Fewer are no surface to lie on.
+const FEWEST: u32 = 8;
+/// Neighbours are of the same side if the cosine between the normals is larger.
+const SAME_SIDE: f64 = 0.5;
+
+/// Positions moved along their normals onto the surface of their neighbours; `None` where they lie on
+/// it well enough. Noise as large as the spacing would make twice the area of a surface.
+///
+/// On a circular arc (n_i + n_j) · (x_j - x_i) = 0: the mean of its halves moves no point of a curved
+/// surface.
+pub(super) fn settled(
+    positions: &[Vec3],
+    normals: &[Vec3],
+    neighbours: &Neighbours,
+    rule: &SurfaceRule,
+) -> Option<Vec<Vec3>> {
+    if rule.noise <= MOVED_FROM {
+        return None;
+    }
+    let move_point = |near: &mut Vec<Neighbour>, i: usize| {
+        neighbours.find(i, SURFACE, normals, near);
+        let normal = normals[i].as_dvec3();
+        let (sum, count) = near
+            .iter()
+            .filter(|n| n.normal.dot(normal) > SAME_SIDE)
+            .fold((0.0, 0), |(sum, count), n| {
+                (sum + 0.5 * (normal + n.normal).dot(n.offset), count + 1)
+            });
+        match count {
+            ..FEWEST => positions[i],
+            _ => positions[i] + (normal * (sum / f64::from(1 + count))).as_vec3(),
+        }
+    };
+    let moved = (0..positions.len()).into_par_iter();
+    Some(moved.map_init(Vec::new, move_point).collect())
 }

@@ -1,0 +1,358 @@
+//! From a cloud to surfels: what is repaired, moved, merged and left out.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::cells::Cell;
+use super::neighbours::Neighbours;
+use super::rule::SurfaceRule;
+use super::select::select;
+use super::smooth::{settled, smoothed};
+use super::strays::strays;
+use super::thin::{spread, spread_to};
+use super::{Cells, PointCloud, Quality, Surfels};
+use crate::error::{Error, Result};
+use crate::memory;
+use crate::progress::Progress;
+use crate::scene::BRIGHTEST;
+
+/// How many of the points become surfels.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Thinning {
+    /// Least distance, in the scan's unit, of surfels that face the same way.
+    pub spacing: Option<f64>,
+    /// Largest number of surfels.
+    pub max_points: Option<usize>,
+}
+
+/// Surfels and how the points of the cloud map to them.
+pub struct Prepared {
+    pub surfels: Surfels,
+    /// For each point of the cloud the surfel whose light it gets, if any.
+    pub surfel_of_point: Vec<Option<u32>>,
+    /// What was left out or merged, with counts.
+    pub repairs: Vec<String>,
+    /// How good the cloud is as a surface.
+    pub quality: Quality,
+    /// Areas of the surfels in the cloud; 0 where it has none.
+    given_areas: Vec<f32>,
+}
+
+/// Cells made between two looks at whether the work should stop.
+const BLOCK: usize = 1 << 16;
+/// Neighbours that a cell is made from.
+const NEIGHBOURS: usize = 24;
+/// Times that points are moved at most.
+const MOVES: usize = 3;
+/// Surfels among which the one is looked for whose light a point gets that was left out.
+const HEIRS: usize = 8;
+
+impl Surfels {
+    /// The surfels of a cloud: unusable points left out, points at one place merged, points and normals
+    /// that scatter smoothed, strays left out, cells made, areas taken from the cloud or else from the
+    /// cells.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for a cloud without points or normals
+    /// ([`PointCloud::estimate_normals`] makes them), or that no reader would hand over;
+    /// [`Error::TooLarge`] for one that cannot be lit in the memory that is free.
+    pub fn prepare(cloud: &PointCloud, progress: &dyn Progress) -> Result<Prepared> {
+        Surfels::prepare_fewer(cloud, &Thinning::default(), progress)
+    }
+
+    /// The same of fewer points, evenly spread: the others take their light from them.
+    ///
+    /// # Errors
+    /// Those of [`prepare`](Surfels::prepare).
+    pub fn prepare_fewer(
+        cloud: &PointCloud,
+        thinning: &Thinning,
+        progress: &dyn Progress,
+    ) -> Result<Prepared> {
+        if cloud.is_empty() {
+            return Err(Error::Invalid("the cloud has no points".into()));
+        }
+        if thinning.spacing.is_none() {
+            let most = thinning.max_points.unwrap_or(cloud.len());
+            memory::check_points(most.min(cloud.len()) as u64)?;
+        }
+        if cloud.normals.is_empty() {
+            return Err(Error::Invalid(
+                "the cloud has no normals: they must be estimated first".into(),
+            ));
+        }
+        check(cloud)?;
+        let mut repairs = cloud.repairs.clone();
+        let (surfels, surfel_of_point) = select(cloud, &mut repairs)?;
+        let unusable = surfel_of_point.iter().filter(|s| s.is_none()).count();
+        let mut prepared = Prepared {
+            quality: Quality {
+                points: cloud.len(),
+                unusable,
+                duplicates: cloud.len() - unusable - surfels.len(),
+                ..Quality::default()
+            },
+            given_areas: surfels.areas.clone(),
+            surfels,
+            surfel_of_point,
+            repairs,
+        };
+        let strays = prepared.make_cells(true, progress)?;
+        let with_strays = !strays.is_empty();
+        prepared.quality.strays = strays.len();
+        prepared.leave_out(&strays)?;
+        let thinned = prepared.thin(thinning);
+        memory::check_points(prepared.surfels.len() as u64)?;
+        if with_strays || thinned {
+            let strays = prepared.make_cells(false, progress)?;
+            // Flecks of surface that thinning made single points.
+            if thinned && !strays.is_empty() {
+                prepared.quality.strays += strays.len();
+                prepared.leave_out(&strays)?;
+                prepared.make_cells(false, progress)?;
+            }
+        }
+        if prepared.quality.strays > 0 {
+            prepared.repairs.push(format!(
+                "{} points that belong to no surface: lit, but in nobody's way",
+                prepared.quality.strays
+            ));
+        }
+        prepared.quality.measure(&prepared.surfels);
+        Ok(prepared)
+    }
+}
+
+impl Prepared {
+    /// For each point of the cloud its surfel's place among `surfels`, which are the prepared ones
+    /// in any order.
+    pub fn places(&self, surfels: &Surfels) -> Vec<Option<u32>> {
+        let mut place_of_point = vec![0; self.surfel_of_point.len()];
+        for (place, &point) in surfels.points.iter().enumerate() {
+            place_of_point[point as usize] = place as u32;
+        }
+        let own_point = |s: u32| self.surfels.points[s as usize] as usize;
+        let place = |surfel: &Option<u32>| surfel.map(|s| place_of_point[own_point(s)]);
+        self.surfel_of_point.iter().map(place).collect()
+    }
+
+    /// Leaves surfels out of the transport that are [`buried`](super::buried), given as numbers of their
+    /// points.
+    ///
+    /// # Errors
+    /// Those of [`Surfels::prepare`].
+    pub fn leave_out_buried(&mut self, points: &[u32], progress: &dyn Progress) -> Result<()> {
+        let mut is_buried = vec![false; self.surfel_of_point.len()];
+        points.iter().for_each(|&p| is_buried[p as usize] = true);
+        let of_surfel = |&s: &u32| is_buried[self.surfels.points[s as usize] as usize];
+        let buried: Vec<u32> = (0..self.surfels.len() as u32).filter(of_surfel).collect();
+        if buried.len() == self.surfels.len() {
+            return Ok(());
+        }
+        self.quality.buried = buried.len();
+        self.repairs.push(format!(
+            "{} points inside of bodies or behind walls: lit, but in nobody's way",
+            buried.len()
+        ));
+        self.leave_out(&buried)?;
+        self.make_cells(false, progress)?;
+        self.quality.measure(&self.surfels);
+        Ok(())
+    }
+
+    /// Surfels that take no part: their points get the light of the nearest one that faces the same way,
+    /// or of the nearest. All stay if none would.
+    fn leave_out(&mut self, out: &[u32]) -> Result<()> {
+        let n = self.surfels.len();
+        if out.is_empty() || out.len() == n {
+            return Ok(());
+        }
+        let mut heirs: Vec<u32> = (0..n as u32).collect();
+        let mut stays = vec![true; n];
+        out.iter().for_each(|&i| stays[i as usize] = false);
+        let kept: Vec<u32> = (0..n as u32).filter(|&i| stays[i as usize]).collect();
+        let (positions, normals) = (&self.surfels.positions, &self.surfels.normals);
+        let places: Vec<Vec3> = kept.iter().map(|&i| positions[i as usize]).collect();
+        let neighbours = Neighbours::new(&places)?;
+        let heir = |&i: &u32| {
+            let i = i as usize;
+            let near = neighbours.around(positions[i], HEIRS);
+            let same_side = |k: &&u32| normals[kept[**k as usize] as usize].dot(normals[i]) > 0.0;
+            let heir = near.iter().find(same_side).or(near.first());
+            heir.map_or(i as u32, |&k| kept[k as usize])
+        };
+        let found: Vec<u32> = out.par_iter().map(heir).collect();
+        out.iter()
+            .zip(found)
+            .for_each(|(&i, heir)| heirs[i as usize] = heir);
+        self.hand_over(&heirs);
+        Ok(())
+    }
+
+    /// As few surfels as are asked for; those that go leave their areas, colours and light to those that
+    /// stay. Tells whether any went.
+    fn thin(&mut self, thinning: &Thinning) -> bool {
+        let Surfels {
+            positions, normals, ..
+        } = &self.surfels;
+        let n = positions.len();
+        let mut heirs: Vec<u32> = (0..n as u32).collect();
+        if let Some(spacing) = thinning.spacing {
+            heirs = spread(positions, normals, spacing as f32);
+        }
+        let staying = |heirs: &[u32]| (0..).zip(heirs).filter(|(i, h)| i == *h).count();
+        if let Some(most) = thinning.max_points.filter(|&most| most < staying(&heirs)) {
+            heirs = spread_to(positions, normals, most);
+        }
+        let stay = staying(&heirs);
+        if stay == n {
+            return false;
+        }
+        self.quality.thinned = n - stay;
+        self.repairs.push(format!(
+            "{} points thinned out, as was asked for: they take the light of {stay} others",
+            n - stay
+        ));
+        let mut sums = vec![(Vec3::ZERO, Vec3::ZERO, 0.0, 0.0); n];
+        for (i, &heir) in heirs.iter().enumerate() {
+            let sum = &mut sums[heir as usize];
+            sum.0 += self.surfels.reflectance[i];
+            sum.1 += self.surfels.emission[i];
+            sum.2 += self.given_areas[i];
+            sum.3 += 1.0;
+        }
+        for (i, (reflectance, emission, area, count)) in sums.into_iter().enumerate() {
+            if count > 0.0 {
+                self.surfels.reflectance[i] = reflectance / count;
+                self.surfels.emission[i] = emission / count;
+                self.given_areas[i] = area;
+            }
+        }
+        self.hand_over(&heirs);
+        true
+    }
+
+    /// Keeps the surfels that are their own heirs; the points of the others go to theirs.
+    fn hand_over(&mut self, heirs: &[u32]) {
+        let kept: Vec<u32> = (0..heirs.len() as u32)
+            .filter(|&i| heirs[i as usize] == i)
+            .collect();
+        let mut place = vec![0; heirs.len()];
+        for (k, &i) in (0..).zip(&kept) {
+            place[i as usize] = k;
+        }
+        for surfel in self.surfel_of_point.iter_mut().flatten() {
+            *surfel = place[heirs[*surfel as usize] as usize];
+        }
+        self.given_areas = kept.iter().map(|&i| self.given_areas[i as usize]).collect();
+        self.surfels = self.surfels.reordered(&kept);
+    }
+
+    /// Cells, missing areas, offsets; returns the indices of strays. At `first` points and normals that
+    /// scatter are smoothed.
+    fn make_cells(&mut self, first: bool, progress: &dyn Progress) -> Result<Vec<u32>> {
+        let surfels = &mut self.surfels;
+        let n = surfels.len();
+        progress.stage("cells", n as u64);
+        let mut positions = std::mem::take(&mut surfels.positions);
+        let mut neighbours = Neighbours::new(&positions)?;
+        let mut rule = SurfaceRule::measure(&surfels.normals, &neighbours);
+        if first {
+            let scattered = rule.noise;
+            self.quality.noise = rule.noise;
+            self.quality.scatter = rule.roughness.atan().to_degrees();
+            for _ in 0..MOVES {
+                let Some(moved) = settled(&positions, &surfels.normals, &neighbours, &rule) else {
+                    break;
+                };
+                drop(neighbours);
+                positions = moved;
+                neighbours = Neighbours::new(&positions)?;
+                rule = SurfaceRule::measure(&surfels.normals, &neighbours);
+            }
+            if rule.noise < scattered {
+                self.repairs.push(format!(
+                    "points that scatter about their surface: moved onto it, from {scattered:.2} to \
+                     {:.2} spacings off",
+                    rule.noise
+                ));
+            }
+            if let Some((normals, smoother)) = smoothed(&surfels.normals, &neighbours, &rule) {
+                self.repairs.push(format!(
+                    "normals that scatter: smoothed, from {:.1} to {:.1} degrees off the positions",
+                    rule.roughness.atan().to_degrees(),
+                    smoother.roughness.atan().to_degrees()
+                ));
+                (surfels.normals, rule) = (normals, smoother);
+            }
+        }
+        let mut cells: Vec<Cell> = Vec::with_capacity(n);
+        while cells.len() < n {
+            progress.check()?;
+            let block = cells.len()..(cells.len() + BLOCK).min(n);
+            let made = block.len() as u64;
+            cells.par_extend(block.into_par_iter().map_init(
+                || Vec::with_capacity(NEIGHBOURS),
+                |near, i| {
+                    neighbours.find(i, NEIGHBOURS, &surfels.normals, near);
+                    let size = f64::from(self.given_areas[i]).max(0.0).sqrt();
+                    Cell::new(surfels.normals[i].as_dvec3(), near, &rule, size)
+                },
+            ));
+            progress.advance(made);
+        }
+        let strays = strays(&positions, &neighbours, &cells, rule.roughness)?;
+        surfels.occluder_scale = rule.scale as f32;
+        surfels.offsets = cells
+            .iter()
+            .map(|c| (rule.offset * c.spacing) as f32)
+            .collect();
+        surfels.depths = cells.iter().map(|c| c.depth as f32).collect();
+        surfels.areas = (self.given_areas.iter().zip(&cells))
+            .map(|(&given, cell)| if given > 0.0 { given } else { cell.area as f32 })
+            .collect();
+        surfels.cells = Cells {
+            tangents: cells.iter().map(|c| c.tangent.as_vec3()).collect(),
+            corners: cells.iter().map(|c| c.corners).collect(),
+        };
+        drop(neighbours);
+        surfels.positions = positions;
+        Ok(strays)
+    }
+}
+
+/// Refuses a cloud, made by a program, that no reader would hand over: arrays of the wrong length,
+/// light and material that do not exist.
+pub(crate) fn check(cloud: &PointCloud) -> Result<()> {
+    let n = cloud.len();
+    let optional = |length: usize| if length == 0 { n } else { length };
+    for (what, length) in [
+        ("normals", cloud.normals.len()),
+        ("reflectances", cloud.reflectance.len()),
+        ("emissions", cloud.emission.len()),
+        ("areas", optional(cloud.areas.len())),
+    ] {
+        if length != n {
+            return Err(Error::Invalid(format!(
+                "{n} points, but {length} {what}: one a point is needed"
+            )));
+        }
+    }
+    let within =
+        |v: &Vec3, most: f32| v.cmpge(Vec3::ZERO).all() && v.cmple(Vec3::splat(most)).all();
+    let bad_reflectance = cloud.reflectance.iter().position(|r| !within(r, 1.0));
+    let bad_emission = cloud.emission.iter().position(|e| !within(e, BRIGHTEST));
+    if let Some(i) = bad_reflectance {
+        let value = cloud.reflectance[i];
+        return Err(Error::Invalid(format!(
+            "point {i} has reflectance {value}: each channel must lie between 0 and 1"
+        )));
+    }
+    if let Some(i) = bad_emission {
+        let value = cloud.emission[i];
+        return Err(Error::Invalid(format!(
+            "point {i} has emission {value}: each channel must be finite and not negative"
+        )));
+    }
+    Ok(())
+}
