@@ -20,7 +20,7 @@ pub(super) struct Geometry {
     pub surfels: Arc<Surfels>,
     pub octree: Octree,
     /// What stands in the way; `None` if nothing does.
-    pub occluders: Option<Occluders>,
+    pub occluders: Option<Arc<Occluders>>,
     /// For each point of the cloud the surfel whose light it gets, if any.
     pub places: Vec<Option<u32>>,
     /// That of the cloud.
@@ -50,7 +50,7 @@ impl Geometry {
         drop(prepared.surfels);
         let geometry = Geometry {
             occluders: match options.occlusion {
-                Occlusion::Surfels => Some(Occluders::build(&surfels)),
+                Occlusion::Surfels => Some(Arc::new(Occluders::build(&surfels))),
                 Occlusion::None => None,
             },
             surfels: Arc::new(surfels),

@@ -2,6 +2,7 @@
 
 pub mod checks;
 mod geometry;
+mod linked;
 mod options;
 mod rays;
 pub mod stats;
