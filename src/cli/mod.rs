@@ -5,6 +5,7 @@ mod backend;
 mod compare;
 mod outputs;
 mod picture;
+mod relight;
 mod solve;
 mod terminal;
 mod values;
@@ -31,6 +32,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Solve(solve::Args),
+    Relight(relight::Args),
     Visible(visible::Args),
     Compare(compare::Args),
     Adapters(adapters::Args),
@@ -46,6 +48,7 @@ enum Done {
 pub fn run() -> ExitCode {
     let result: Result<Done> = match Cli::parse().command {
         Command::Solve(args) => solve::run(&args),
+        Command::Relight(args) => relight::run(&args),
         Command::Visible(args) => visible::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Adapters(_) => adapters::run(),

@@ -19,21 +19,29 @@ pub(super) struct Linked {
 
 impl Linked {
     /// Links for no light yet.
-    pub fn new(octree: &Octree, surfels: &Surfels, gpu: Option<Gpu>) -> Linked {
+    pub fn none(octree: &Octree, surfels: &Surfels, gpu: Option<Gpu>) -> Linked {
+        Linked::new(Kept::none(octree, surfels), gpu)
+    }
+
+    pub fn new(kept: Kept, gpu: Option<Gpu>) -> Linked {
         Linked {
-            kept: Kept::none(octree, surfels),
+            kept,
             gpu,
             on_device: None,
         }
     }
 
-    /// The same, at the same place.
-    pub fn none(&self, task: &Task) -> Linked {
-        Linked::new(task.octree, task.surfels, self.gpu.clone())
+    /// The same at the same place.
+    pub fn rough(&self, task: &Task) -> Linked {
+        Linked::none(task.octree, task.surfels, self.gpu.clone())
     }
 
     pub fn is_none(&self) -> bool {
         self.kept.is_none()
+    }
+
+    pub fn kept(&self) -> &Kept {
+        &self.kept
     }
 
     pub fn links(&self) -> &Links {

@@ -154,7 +154,7 @@ impl Task<'_> {
         let rough = match linked.is_none() {
             false => solve(linked, &unchecked)?,
             true => {
-                let mut rough = linked.none(self);
+                let mut rough = linked.rough(self);
                 rough.refine(self, &self.accuracy(&guess, None, ROUGH_ERROR))?;
                 solve(&mut rough, &unchecked)?
             }

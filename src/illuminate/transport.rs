@@ -1,5 +1,6 @@
 //! The transport of light between the points of a cloud, kept for many lights.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -9,9 +10,9 @@ use super::options::{DEFAULT_TOLERANCE, check_options, check_scene, choose};
 use super::stats::{Seconds, Stats};
 use super::task::{Solved, Task};
 use super::work::Work;
-use super::{Backend, Illumination, Method, Options};
-use crate::error::Result;
-use crate::links::{Links, Thresholds};
+use super::{Backend, Illumination, Method, Options, file};
+use crate::error::{Error, Result};
+use crate::links::{Kept, Links, Thresholds};
 use crate::operator::{Fmm, GpuFmm};
 use crate::passes::gpu::{Gpu, GpuPointVisibility, GpuVisibility};
 use crate::progress::Progress;
@@ -72,13 +73,71 @@ impl Transport {
         check_options(options, &backend)?;
         let (geometry, prepared) =
             Geometry::prepare(&scene.cloud, options, tolerance, &backend, progress)?;
+        let kept = Kept::none(&geometry.octree, &geometry.surfels);
         let method = choose(options, &backend, geometry.surfels.len());
+        Transport::of(geometry, kept, method, options, backend, prepared)
+    }
+
+    /// Writes surfels, octree and links to a file, from which they can be [loaded](Transport::load)
+    /// for the same cloud.
+    ///
+    /// Fails with [`Error::Usage`] where there is nothing to keep: without occlusion, and with another
+    /// method than `Fmm`.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        let options = Options {
+            method: self.method,
+            ..self.options.clone()
+        };
+        options.check_keeping()?;
+        file::save(path, &self.geometry, self.linked.kept())
+    }
+
+    /// A transport from a file, for the cloud of a scene that it was [saved](Transport::save) for. The
+    /// method is `Fmm`.
+    ///
+    /// Fails with [`Error::Input`] if the file is for another cloud, of another version, damaged, or
+    /// made up; with [`Error::Usage`] if the options do not fit to it.
+    pub fn load(
+        path: &Path,
+        scene: &Scene,
+        options: &Options,
+        backend: Backend,
+        progress: &dyn Progress,
+    ) -> Result<Transport> {
+        check_scene(scene, tolerance(scene, options))?;
+        check_options(options, &backend)?;
+        options.check_keeping()?;
+        progress.stage("operator", 1);
+        let start = Instant::now();
+        let (geometry, kept) = file::load(path, &scene.cloud)?;
+        if options.order.is_some_and(|order| order != geometry.order) {
+            return Err(Error::Usage(format!(
+                "{}: its expansions are of order {}: leave the order out, or make it again",
+                path.display(),
+                geometry.order
+            )));
+        }
+        let seconds = Seconds {
+            prepare: start.elapsed().as_secs_f64(),
+            ..Seconds::default()
+        };
+        Transport::of(geometry, kept, Method::Fmm, options, backend, seconds)
+    }
+
+    fn of(
+        geometry: Geometry,
+        kept: Kept,
+        method: Method,
+        options: &Options,
+        backend: Backend,
+        prepared: Seconds,
+    ) -> Result<Transport> {
         let device = Device::of(backend, geometry.occluders.clone())?;
         let gpu = device.as_ref().map(|d| d.gpu.clone());
         Ok(Transport {
             options: options.clone(),
             method,
-            linked: Linked::new(&geometry.octree, &geometry.surfels, gpu),
+            linked: Linked::new(kept, gpu),
             geometry,
             device,
             prepared,
@@ -88,7 +147,7 @@ impl Transport {
     /// Computes the illumination map of a scene with this cloud. What its points reflect and emit, its
     /// lights and its tolerance may be others than before.
     ///
-    /// Fails with [`Error::Invalid`](crate::Error::Invalid) if the points are others.
+    /// Fails with [`Error::Invalid`] if the points are others.
     pub fn illuminate(&mut self, scene: &Scene, progress: &dyn Progress) -> Result<Illumination> {
         let start = Instant::now();
         let tolerance = tolerance(scene, &self.options);

@@ -71,6 +71,9 @@ impl Accuracy {
     /// What a link has to be good for: the radiosity of its source, in units of the error allowed at
     /// its target. Nothing else of the light matters to a link with tested visibility.
     pub fn demand(&self, [target, source]: [u32; 2]) -> f32 {
-        self.radiosity[source as usize] / self.allowed(target)
+        match self.radiosity[source as usize] {
+            0.0 => 0.0,
+            radiosity => (radiosity / self.allowed(target)).min(f32::MAX),
+        }
     }
 }

@@ -12,17 +12,23 @@ use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::visibility::Visibility;
 
+/// What counts as no more. Rough solutions know a demand about that well. The light of a lamp that moved
+/// is measured to be off no more than that of links made for it (`cargo bench --bench relight`): at
+/// cornell's ceiling 1.8% as before, in its corner 2.0% instead of 2.2%, from room to room 1.6% instead
+/// of 1.5%.
+const SLACK: f32 = 2.0;
+
 /// Links with tested visibility, what each of them was made for, and what has none.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Kept {
     pub links: Links,
     /// Demands of the links in `links.m2l`, by order.
-    m2l: Vec<Vec<f32>>,
+    pub(crate) m2l: Vec<Vec<f32>>,
     /// And of those in `links.sampled`. Form factors of single surfels meet all demands.
-    sampled: Vec<f32>,
+    pub(crate) sampled: Vec<f32>,
     /// Pairs of facets that are not linked, as they bring too little for the demand that is their
     /// weight here, or no sample of them saw anything.
-    left_out: Rows,
+    pub(crate) left_out: Rows,
 }
 
 impl Kept {
@@ -127,7 +133,7 @@ fn take_out(
         .zip(&rows.sources)
         .map(|(t, &s)| [t, s])
         .collect();
-    let stays = |k: usize| demand(pairs[k]) <= demands[k];
+    let stays = |k: usize| demand(pairs[k]) <= SLACK * demands[k];
     let before = opened.len();
     opened.extend((0..pairs.len()).filter(|&k| !stays(k)).map(|k| pairs[k]));
     if opened.len() == before {
