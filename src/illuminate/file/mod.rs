@@ -124,8 +124,10 @@ impl Header {
                 self.version
             ));
         }
-        if self.orders as usize > ORDERS || self.order as usize >= ORDERS {
-            return Err("is no operator that can be used: orders beyond all that there are".into());
+        let orders = self.orders as usize;
+        let rest = self.m2l.get(orders..).unwrap_or(&[1]);
+        if self.order as usize >= ORDERS || rest.iter().any(|&len| len > 0) {
+            return Err("is no operator that can be used: links of orders beyond its own".into());
         }
         let expected = self.file_length();
         if length != expected {
