@@ -127,3 +127,27 @@ pub fn check_points(count: u64) -> Result<()> {
         _ => Ok(()),
     }
 }
+
+/// Memory a surfel beside what its file holds: facets with their measures, what stands in the way, its
+/// colours and those that are handed back.
+const LOADED_BYTES_A_SURFEL: u64 = 400;
+
+/// Refuses a kept operator of so many bytes that would not fit into the memory that is free.
+pub fn check_operator(bytes: u64, surfels: u64) -> Result<()> {
+    if surfels > MOST_POINTS {
+        return Err(Error::TooLarge(format!(
+            "{surfels} surfels: no more than {MOST_POINTS} can be numbered"
+        )));
+    }
+    let needed = bytes + surfels * LOADED_BYTES_A_SURFEL;
+    match available() {
+        Some(free) if needed > free => Err(Error::TooLarge(format!(
+            "an operator of {} MiB for {surfels} surfels needs {} MiB of memory, but only {} MiB \
+             are free",
+            bytes >> 20,
+            needed >> 20,
+            free >> 20
+        ))),
+        _ => Ok(()),
+    }
+}

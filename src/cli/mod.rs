@@ -6,6 +6,7 @@ mod compare;
 mod info;
 mod outputs;
 mod picture;
+mod relight;
 mod solve;
 mod terminal;
 mod values;
@@ -32,6 +33,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Solve(solve::Args),
+    Relight(relight::Args),
     Visible(visible::Args),
     Info(info::Args),
     Compare(compare::Args),
@@ -48,6 +50,7 @@ enum Done {
 pub fn run() -> ExitCode {
     let result: Result<Done> = match Cli::parse().command {
         Command::Solve(args) => solve::run(&args),
+        Command::Relight(args) => relight::run(&args),
         Command::Visible(args) => visible::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Compare(args) => compare::run(&args),

@@ -10,7 +10,7 @@ use fmmgi_gpu::output::{self, Format, write_atomic, write_stats};
 use fmmgi_gpu::points::{Facing, Thinning};
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
 use fmmgi_gpu::{
-    Error, Method, Occlusion, Options, Progress, Result, Scene, Stats, illuminate, memory, render,
+    Error, Method, Occlusion, Options, Progress, Result, Scene, Stats, Transport, memory, render,
 };
 use glam::Vec3;
 
@@ -36,6 +36,12 @@ pub struct Args {
     /// Write what was done and how well it went
     #[arg(long, value_name = "OUT.json")]
     stats: Option<PathBuf>,
+    /// Keep what was found out about the cloud, so that other lights need not find it again
+    #[arg(long, value_name = "FILE")]
+    save_operator: Option<PathBuf>,
+    /// Take what was kept of the same cloud; light that needs more accuracy than those before refines it
+    #[arg(long, value_name = "FILE")]
+    pub operator: Option<PathBuf>,
     /// Points to make on the shapes of a scene file, and on a mesh
     #[arg(long, value_name = "N")]
     points: Option<NonZeroUsize>,
@@ -76,7 +82,7 @@ pub struct Args {
     seed: u64,
     /// Add a point light with a radiant intensity (1,1,1 if left out); can be given several times
     #[arg(long, value_name = "point:X,Y,Z[:R,G,B]", value_parser = values::light)]
-    light: Vec<PointLight>,
+    pub light: Vec<PointLight>,
     /// Irradiance that an open plane gets from a uniform sky, instead of the scene's
     #[arg(long, value_name = "R,G,B", value_parser = values::rgb, allow_hyphen_values = true)]
     sky: Option<Vec3>,
@@ -124,14 +130,27 @@ enum VisibilityArg {
 }
 
 pub fn run(args: &Args) -> Result<Done> {
+    run_with(args, |scene| scene.lights.extend(&args.light))
+}
+
+/// The same, where `hang` says which point lights there are.
+pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     let began = Instant::now();
-    let files: Vec<&Path> = [&args.output, &args.image, &args.stats]
-        .into_iter()
+    let results = [&args.output, &args.image, &args.stats];
+    let files: Vec<&Path> = (results.into_iter().chain([&args.save_operator]))
         .filter_map(Option::as_deref)
         .collect();
     outputs::check(&args.inputs, &files)?;
     args.output.as_deref().map(Format::of).transpose()?;
+    if let Some(operator) = &args.operator {
+        // A kept operator may be replaced by itself, refined.
+        let results: Vec<&Path> = results.into_iter().filter_map(Option::as_deref).collect();
+        outputs::spare(operator, &results)?;
+    }
     let options = args.options();
+    if args.save_operator.is_some() || args.operator.is_some() {
+        options.check_keeping()?;
+    }
     let chosen = backend::choose(args.backend, args.adapter.as_deref(), options.method)?;
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new()
@@ -151,7 +170,7 @@ pub fn run(args: &Args) -> Result<Done> {
     for source in &scene.sources {
         outputs::spare(&source.path, &files)?;
     }
-    scene.lights.extend(&args.light);
+    hang(&mut scene);
     scene.sky = args.sky.unwrap_or(scene.sky);
     let load = began.elapsed().as_secs_f64();
     let clock = Instant::now();
@@ -163,8 +182,13 @@ pub fn run(args: &Args) -> Result<Done> {
     warn_of_darkness(&scene, &progress);
     progress.note(&format!("backend: {}", chosen.describe()));
 
-    let mut result = illuminate(&scene, &options, chosen.backend(), &progress)
-        .map_err(|error| error.about(outputs::names(&args.inputs)))?;
+    let about = |error: Error| error.about(outputs::names(&args.inputs));
+    let mut transport = match &args.operator {
+        None => Transport::new(&scene, &options, chosen.backend(), &progress).map_err(about)?,
+        Some(path) => Transport::load(path, &scene, &options, chosen.backend(), &progress)?,
+    };
+    let mut result = transport.illuminate(&scene, &progress).map_err(about)?;
+    let kept = args.save_operator.as_deref().zip(Some(transport));
 
     // Everything is computed before anything is written: an interruption leaves no half result.
     let png = args
@@ -185,6 +209,9 @@ pub fn run(args: &Args) -> Result<Done> {
     }
     if let (Some(path), Some(png)) = (&args.image, png) {
         write_atomic(path, |writer| writer.write_all(&png))?;
+    }
+    if let Some((path, transport)) = &kept {
+        transport.save(path)?;
     }
     let stats = &mut result.stats;
     stats.seconds.load = load;
@@ -219,6 +246,8 @@ impl Args {
                 MethodArg::Fmm => Method::Fmm,
                 MethodArg::Classic => Method::Classic,
                 MethodArg::Gather => Method::Gather,
+                // What is kept are links, however few points there are.
+                MethodArg::Auto if self.save_operator.is_some() => Method::Fmm,
                 MethodArg::Auto => Method::Auto,
             },
             occlusion: match self.visibility {

@@ -20,7 +20,7 @@ pub(super) struct Geometry {
     pub surfels: Arc<Surfels>,
     pub octree: Octree,
     /// What stands in the way; `None` if nothing does.
-    pub occluders: Option<Occluders>,
+    pub occluders: Option<Arc<Occluders>>,
     /// For each point of the cloud the surfel whose light it gets, if any.
     pub places: Vec<Option<u32>>,
     /// That of the cloud.
@@ -65,7 +65,7 @@ impl Geometry {
         let places = prepared.places(&surfels);
         drop(prepared.surfels);
         let geometry = Geometry {
-            occluders,
+            occluders: occluders.map(Arc::new),
             surfels: Arc::new(surfels),
             places,
             fingerprint: cloud.fingerprint(),

@@ -1,7 +1,9 @@
 //! The main job: scene in, illumination map and what it took out.
 
 pub mod checks;
+mod file;
 mod geometry;
+mod linked;
 mod options;
 mod rays;
 pub mod stats;

@@ -63,6 +63,21 @@ pub struct Options {
     pub thinning: Thinning,
 }
 
+impl Options {
+    /// Fails with [`Error::Usage`] where there is no operator to keep. (Without occlusion links take
+    /// next to no time; other methods find nothing that can be refined.)
+    pub fn check_keeping(&self) -> Result<()> {
+        match (self.method, self.occlusion) {
+            (Method::Fmm | Method::Auto, Occlusion::Surfels) => Ok(()),
+            _ => Err(Error::Usage(
+                "operators are kept of the fmm method with occlusion alone: leave out the method, \
+                 the visibility, or the operator"
+                    .into(),
+            )),
+        }
+    }
+}
+
 /// Where the passes run.
 pub enum Backend<'a> {
     /// f32 on all threads of the current rayon pool.

@@ -7,6 +7,7 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 
 use super::checks::Checked;
+use super::linked::Linked;
 use super::rays::Rays;
 use super::work::{Bounced, Work};
 use crate::error::Result;
@@ -120,9 +121,9 @@ impl Task<'_> {
         })
     }
 
-    /// Lights per surfel, then links for what is reflected: rough ones first, whose solution says
-    /// where light is strong and where it is weak, then those that keep the tolerance.
-    pub fn fmm(&self, repairs: &mut Vec<String>, solve: Solve) -> Result<Solved> {
+    /// Lights per surfel, then links for what is reflected, refined where those that are kept are not
+    /// good enough for these lights: a rough solution says where light is strong and where it is weak.
+    pub fn fmm(&self, linked: &mut Linked, repairs: &mut Vec<String>) -> Result<Solved> {
         let lights = self.direct_light(repairs)?;
         let reflectance = || self.surfels.reflectance.iter().map(|r| r.as_dvec3());
         let ambient: DVec3 = lights.iter().sum::<DVec3>() / lights.len() as f64;
@@ -138,44 +139,44 @@ impl Task<'_> {
             residual: ROUGH_RESIDUAL,
             bounces: None,
         };
-        let mut seconds = 0.0;
-        let mut run = |accuracy: &Accuracy, work: &Work| {
-            let links = self.links(accuracy)?;
-            let clock = Instant::now();
-            let bounced = solve(&links, work)?;
-            seconds += clock.elapsed().as_secs_f64();
-            Ok((links, bounced))
-        };
-        let rough = self.accuracy(&guess, None, ROUGH_ERROR);
         let work = self.work(&lights, None, rough_stop);
         let unchecked = Work {
             checked: None,
             ..work
         };
-        let (_, rough) = run(&rough, &unchecked)?;
+        let mut seconds = 0.0;
+        let mut solve = |linked: &mut Linked, work: &Work| {
+            let clock = Instant::now();
+            let bounced = linked.solve(self, work)?;
+            seconds += clock.elapsed().as_secs_f64();
+            Ok(bounced)
+        };
+        let rough = match linked.is_none() {
+            false => solve(linked, &unchecked)?,
+            true => {
+                let mut rough = linked.rough(self);
+                rough.refine(self, &self.accuracy(&guess, None, ROUGH_ERROR))?;
+                solve(&mut rough, &unchecked)?
+            }
+        };
         let allowed = match self.visibility.is_open() {
             true => self.tolerance,
             false => ERROR_A_LINK * self.tolerance,
         };
         let fine = self.accuracy(&rough.reflected, Some(&rough.irradiance), allowed);
-        let work = self.work(&lights, Some(&rough.reflected), self.stop());
-        let (links, fine) = run(&fine, &work)?;
+        linked.refine(self, &fine)?;
+        let fine = solve(
+            linked,
+            &self.work(&lights, Some(&rough.reflected), self.stop()),
+        )?;
         Ok(Solved {
             irradiance: fine.irradiance,
             ended: fine.ended,
             checked: fine.checked,
-            links: counts(&links),
+            links: counts(linked.links()),
             seconds,
             ..Solved::default()
         })
-    }
-
-    fn links(&self, accuracy: &Accuracy) -> Result<Links> {
-        let (surfels, octree, progress) = (self.surfels, self.octree, self.progress);
-        match self.visibility.is_open() {
-            true => links::build_open(surfels, octree, accuracy, progress),
-            false => links::build(surfels, octree, accuracy, self.visibility, progress),
-        }
     }
 
     /// Point lights, sky and emitters.

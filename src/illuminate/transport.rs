@@ -1,15 +1,18 @@
 //! The transport of light between the points of a cloud, kept for many lights.
 
+use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant;
 
 use super::geometry::Geometry;
+use super::linked::Linked;
 use super::options::{DEFAULT_TOLERANCE, check_options, check_scene, choose};
 use super::stats::{Seconds, Stats};
 use super::task::{Solved, Task};
 use super::work::Work;
-use super::{Backend, Illumination, Method, Options};
-use crate::error::Result;
-use crate::links::{Links, Thresholds};
+use super::{Backend, Illumination, Method, Options, file};
+use crate::error::{Error, Result};
+use crate::links::{Kept, Links, Thresholds};
 use crate::operator::{Fmm, GpuFmm};
 use crate::passes::gpu::{Gpu, GpuPointVisibility, GpuVisibility};
 use crate::progress::Progress;
@@ -19,13 +22,34 @@ use crate::visibility::{
     Visibility,
 };
 
-/// A cloud that is made ready once and lit as often as one likes.
+/// How light goes between the points of one cloud. Found once, it serves many lights.
+///
+/// Who sees whom does not depend on the light. With the method [`Fmm`](Method::Fmm) the links that
+/// were found for one light are kept for the next: [`illuminate`](Transport::illuminate) then takes the
+/// direct light of each surfel and some applications of the operator. Links that another light
+/// needs more accurately than those before are refined, no others. On a GPU they stay there. The
+/// other methods keep surfels, octree and what stands in the way.
+///
+/// ```no_run
+/// # use std::path::Path;
+/// # use fmmgi_gpu::progress::Silent;
+/// # use fmmgi_gpu::scene::SceneOptions;
+/// # use fmmgi_gpu::{Backend, Method, Options, Scene, Transport};
+/// let mut scene = Scene::load(Path::new("room.toml"), &SceneOptions::default(), &Silent)?;
+/// let mut transport = Transport::new(&scene, &Options::default(), Backend::Cpu, &Silent)?;
+/// for step in 0..10 {
+///     scene.lights[0].position.x = 0.1 * f64::from(step);
+///     let lit = transport.illuminate(&scene, &Silent)?;
+/// }
+/// # Ok::<(), fmmgi_gpu::Error>(())
+/// ```
 pub struct Transport {
     options: Options,
     method: Method,
     geometry: Geometry,
+    linked: Linked,
     device: Option<Device>,
-    /// What making it ready took, until it is told.
+    /// What making the geometry took, until it is told.
     prepared: Seconds,
 }
 
@@ -33,10 +57,11 @@ pub struct Transport {
 struct Device {
     gpu: Gpu,
     adapter: String,
+    visibility: Option<GpuVisibility<Arc<Occluders>>>,
 }
 
 impl Transport {
-    /// Makes the cloud of a scene ready.
+    /// Makes the cloud of a scene ready. Nothing is linked until the first light comes.
     pub fn new(
         scene: &Scene,
         options: &Options,
@@ -48,35 +73,88 @@ impl Transport {
         check_options(options, &backend)?;
         let (geometry, prepared) =
             Geometry::prepare(&scene.cloud, options, tolerance, &backend, progress)?;
+        let kept = Kept::none(&geometry.octree, &geometry.surfels);
+        let method = choose(options, &backend, geometry.surfels.len());
+        Transport::of(geometry, kept, method, options, backend, prepared)
+    }
+
+    /// Writes surfels, octree and links to a file, from which they can be [loaded](Transport::load)
+    /// for the same cloud.
+    ///
+    /// Fails with [`Error::Usage`] where there is nothing to keep: without occlusion, and with another
+    /// method than `Fmm`.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        let options = Options {
+            method: self.method,
+            ..self.options.clone()
+        };
+        options.check_keeping()?;
+        file::save(path, &self.geometry, self.linked.kept())
+    }
+
+    /// A transport from a file, for the cloud of a scene that it was [saved](Transport::save) for. The
+    /// method is `Fmm`.
+    ///
+    /// Fails with [`Error::Input`] if the file is for another cloud, of another version, damaged, or
+    /// made up; with [`Error::Usage`] if the options do not fit to it.
+    pub fn load(
+        path: &Path,
+        scene: &Scene,
+        options: &Options,
+        backend: Backend,
+        progress: &dyn Progress,
+    ) -> Result<Transport> {
+        check_scene(scene, tolerance(scene, options))?;
+        check_options(options, &backend)?;
+        options.check_keeping()?;
+        progress.stage("operator", 1);
+        let start = Instant::now();
+        let (geometry, kept) = file::load(path, &scene.cloud)?;
+        if options.order.is_some_and(|order| order != geometry.order) {
+            return Err(Error::Usage(format!(
+                "{}: its expansions are of order {}: leave the order out, or make it again",
+                path.display(),
+                geometry.order
+            )));
+        }
+        let seconds = Seconds {
+            prepare: start.elapsed().as_secs_f64(),
+            ..Seconds::default()
+        };
+        Transport::of(geometry, kept, Method::Fmm, options, backend, seconds)
+    }
+
+    fn of(
+        geometry: Geometry,
+        kept: Kept,
+        method: Method,
+        options: &Options,
+        backend: Backend,
+        prepared: Seconds,
+    ) -> Result<Transport> {
+        let device = Device::of(backend, geometry.occluders.clone())?;
+        let gpu = device.as_ref().map(|d| d.gpu.clone());
         Ok(Transport {
             options: options.clone(),
-            method: choose(options, &backend, geometry.surfels.len()),
+            method,
+            linked: Linked::new(kept, gpu),
             geometry,
-            device: match backend {
-                Backend::Cpu => None,
-                Backend::Gpu {
-                    device,
-                    queue,
-                    adapter,
-                } => Some(Device {
-                    gpu: Gpu::new(device, queue),
-                    adapter: adapter.to_owned(),
-                }),
-            },
+            device,
             prepared,
         })
     }
 
-    /// Computes the illumination map of a scene with this cloud, whatever its points reflect and
-    /// emit, and whatever its lights.
+    /// Computes the illumination map of a scene with this cloud. What its points reflect and emit, its
+    /// lights and its tolerance may be others than before.
+    ///
+    /// Fails with [`Error::Invalid`] if the points are others.
     pub fn illuminate(&mut self, scene: &Scene, progress: &dyn Progress) -> Result<Illumination> {
         let start = Instant::now();
         let tolerance = tolerance(scene, &self.options);
         check_scene(scene, tolerance)?;
         self.geometry.paint(&scene.cloud)?;
         let geometry = &self.geometry;
-        let gpu = self.device.as_ref().map(|d| &d.gpu);
-        let tester = tester(geometry.occluders.as_ref(), self.method, gpu)?;
+        let tester = tester(geometry, self.method, self.device.as_ref());
         let visibility = Counted::new(tester.as_ref());
         let task = Task {
             scene,
@@ -90,20 +168,23 @@ impl Transport {
             progress,
         };
         let mut repairs = geometry.repairs.clone();
-        let solved = self.solved(&task, gpu, &mut repairs)?;
+        let solved = match self.method {
+            Method::Fmm => task.fmm(&mut self.linked, &mut repairs)?,
+            _ => self.afresh(&task, &mut repairs)?,
+        };
         let tests = visibility.seconds() + solved.tests + solved.rays.map_or(0.0, |r| r.seconds);
         let checks = solved.checked.map_or(0.0, |c| c.seconds);
-        let all = start.elapsed().as_secs_f64();
-        let map = geometry.map(&scene.cloud, &solved.irradiance);
-        let fmm = matches!(self.method, Method::Fmm | Method::Classic);
+        let rest = start.elapsed().as_secs_f64() - tests - solved.seconds;
+        let expanded = matches!(self.method, Method::Fmm | Method::Classic);
+        let adapter = self.device.as_ref().map(|d| d.adapter.clone());
         let stats = Stats {
             points: scene.cloud.len(),
             surfels: geometry.surfels.len(),
             method: self.method,
-            backend: if gpu.is_some() { "gpu" } else { "cpu" }.into(),
-            adapter: self.device.as_ref().map(|d| d.adapter.clone()),
+            backend: if adapter.is_some() { "gpu" } else { "cpu" }.into(),
+            adapter,
             tolerance,
-            order: fmm.then_some(geometry.order),
+            order: expanded.then_some(geometry.order),
             iterations: solved.ended.iterations,
             residual: solved.ended.residual,
             converged: solved.ended.converged,
@@ -111,7 +192,7 @@ impl Transport {
                 visibility: tests,
                 solve: solved.seconds - checks,
                 checks,
-                links: (all - tests - solved.seconds).max(0.0),
+                links: rest.max(0.0),
                 ..std::mem::take(&mut self.prepared)
             },
             links: solved.links,
@@ -124,20 +205,24 @@ impl Transport {
             repairs,
         };
         Ok(Illumination {
-            map,
+            map: geometry.map(&scene.cloud, &solved.irradiance),
             surfels: geometry.surfels.clone(),
             stats,
         })
     }
 
-    fn solved(&self, task: &Task, gpu: Option<&Gpu>, repairs: &mut Vec<String>) -> Result<Solved> {
-        let (surfels, octree) = (task.surfels, task.octree);
+    /// Solves by a method that keeps nothing.
+    fn afresh(&self, task: &Task, repairs: &mut Vec<String>) -> Result<Solved> {
+        let (surfels, octree, progress) = (task.surfels, task.octree, task.progress);
+        let gpu = self.device.as_ref().map(|d| &d.gpu);
         let solve = |links: &Links, work: &Work| match gpu {
-            None => work.solve(&Fmm::<f32>::new(surfels, octree, links), task.progress),
-            Some(gpu) => work.solve(&GpuFmm::new(gpu, surfels, octree, links)?, task.progress),
+            None => work.solve(&Fmm::<f32>::new(surfels, octree, links), progress),
+            Some(gpu) => work.solve(&GpuFmm::new(gpu, surfels, octree, links)?, progress),
         };
         match (self.method, &self.geometry.occluders) {
-            (Method::Direct, _) => task.direct(repairs),
+            (Method::Gather, Some(occluders)) => {
+                task.gather(occluders, self.options.rays, repairs, &solve)
+            }
             (Method::Classic, _) => {
                 let test = Thresholds::default().point;
                 let points: Box<dyn PointVisibility> = match gpu {
@@ -151,29 +236,50 @@ impl Transport {
                     }
                 })
             }
-            (Method::Gather, Some(occluders)) => {
-                task.gather(occluders, self.options.rays, repairs, &solve)
-            }
-            _ => task.fmm(repairs, &solve),
+            _ => task.direct(repairs),
         }
     }
 }
 
+impl Device {
+    /// The device of a backend, if it has one.
+    fn of(backend: Backend, occluders: Option<Arc<Occluders>>) -> Result<Option<Device>> {
+        let Backend::Gpu {
+            device,
+            queue,
+            adapter,
+        } = backend
+        else {
+            return Ok(None);
+        };
+        let gpu = Gpu::new(device, queue);
+        let visibility = occluders.map(|occluders| GpuVisibility::new(&gpu, occluders));
+        Ok(Some(Device {
+            visibility: visibility.transpose()?,
+            gpu,
+            adapter: adapter.to_owned(),
+        }))
+    }
+}
+
 fn tolerance(scene: &Scene, options: &Options) -> f64 {
-    let asked = options.tolerance.or(scene.tolerance);
-    asked.unwrap_or(DEFAULT_TOLERANCE)
+    let wanted = options.tolerance.or(scene.tolerance);
+    wanted.unwrap_or(DEFAULT_TOLERANCE)
 }
 
 /// What tests segments: f64 for the reference, f32 or the device for the product.
 fn tester<'a>(
-    occluders: Option<&'a Occluders>,
+    geometry: &'a Geometry,
     method: Method,
-    device: Option<&Gpu>,
-) -> Result<Box<dyn Visibility + 'a>> {
-    Ok(match (occluders, method, device) {
-        (None, ..) => Box::new(NothingInTheWay),
-        (Some(occluders), Method::Direct, _) => Box::new(CpuVisibility::<f64>::new(occluders)),
-        (Some(occluders), _, None) => Box::new(CpuVisibility::<f32>::new(occluders)),
-        (Some(occluders), _, Some(gpu)) => Box::new(GpuVisibility::new(gpu, occluders)?),
-    })
+    device: Option<&'a Device>,
+) -> Box<dyn Visibility + 'a> {
+    let on_device = device.and_then(|d| d.visibility.as_ref());
+    match (&geometry.occluders, on_device) {
+        (None, _) => Box::new(NothingInTheWay),
+        (Some(_), Some(on_device)) => Box::new(on_device),
+        (Some(occluders), None) if method == Method::Direct => {
+            Box::new(CpuVisibility::<f64>::new(occluders))
+        }
+        (Some(occluders), None) => Box::new(CpuVisibility::<f32>::new(occluders)),
+    }
 }

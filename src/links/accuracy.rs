@@ -62,4 +62,18 @@ impl Accuracy {
             seed,
         }
     }
+
+    /// Irradiance that a link to this facet may be off by.
+    pub fn allowed(&self, target: u32) -> f32 {
+        self.error * self.target_factor[target as usize]
+    }
+
+    /// What a link has to be good for: the radiosity of its source, in units of the error allowed at
+    /// its target. Nothing else of the light matters to a link with tested visibility.
+    pub fn demand(&self, [target, source]: [u32; 2]) -> f32 {
+        match self.radiosity[source as usize] {
+            0.0 => 0.0,
+            radiosity => (radiosity / self.allowed(target)).min(f32::MAX),
+        }
+    }
 }

@@ -10,7 +10,7 @@
 
 use rayon::prelude::*;
 
-use super::judge::{Judge, Outcome, Pair, Sample, Trial, Verdict};
+use super::judge::{Candidate, Judge, Outcome, Pair, Sample, Trial, Verdict};
 use super::{Accuracy, Entry, Links, Rows, splits_target};
 use crate::error::{Error, Result};
 use crate::expansion::{Indices, Surface};
@@ -40,6 +40,26 @@ pub fn build(
     visibility: &dyn Visibility,
     progress: &dyn Progress,
 ) -> Result<Links> {
+    let all = [[0, 0]];
+    Ok(build_from(&all, surfels, octree, accuracy, visibility, progress)?.links)
+}
+
+/// What is found below some pairs of facets.
+pub(super) struct Found {
+    pub links: Links,
+    /// Pairs that bring too little to be linked, as far as samples tell.
+    pub left_out: Vec<[u32; 2]>,
+}
+
+/// Finds the links of the surfels in pairs of facets, target and source.
+pub(super) fn build_from(
+    pairs: &[[u32; 2]],
+    surfels: &Surfels,
+    octree: &Octree,
+    accuracy: &Accuracy,
+    visibility: &dyn Visibility,
+    progress: &dyn Progress,
+) -> Result<Found> {
     let surface = Surface::new(surfels);
     let indices = Indices::new(accuracy.order);
     let mut traversal = Traversal {
@@ -57,6 +77,7 @@ pub fn build(
         mixed: Vec::new(),
         sampled: Vec::new(),
         near: Vec::new(),
+        left_out: Vec::new(),
         smooth: 0,
         errors: 0.0,
         bias: 0.0,
@@ -65,11 +86,13 @@ pub fn build(
     let free = memory::available();
     progress.stage("links", SHARES);
     let mut reported = 0;
-    let mut level = vec![Pair {
-        target: 0,
-        source: 0,
-        share: 1.0,
-    }];
+    let share = 1.0 / pairs.len() as f32;
+    let pair = |&[target, source]: &[u32; 2]| Pair {
+        target,
+        source,
+        share,
+    };
+    let mut level: Vec<Pair> = pairs.iter().map(pair).collect();
     while !level.is_empty() {
         let mut next = Vec::new();
         for batch in level.chunks(BATCH) {
@@ -90,7 +113,7 @@ pub fn build(
     }
     let facets = octree.facets.len();
     let expected_error = traversal.expected_error();
-    Ok(Links {
+    let links = Links {
         m2l: traversal
             .m2l
             .into_iter()
@@ -103,6 +126,10 @@ pub fn build(
         near: Rows::new(surfels.len(), traversal.near),
         expected_error,
         ..Links::none(facets, surfels.len())
+    };
+    Ok(Found {
+        links,
+        left_out: traversal.left_out,
     })
 }
 
@@ -117,6 +144,7 @@ struct Traversal<'a> {
     mixed: Vec<Entry>,
     sampled: Vec<Entry>,
     near: Vec<Entry>,
+    left_out: Vec<[u32; 2]>,
     smooth: u64,
     /// Sum over the surfels of the squares of the errors of their links.
     errors: f64,
@@ -137,7 +165,10 @@ impl Traversal<'_> {
     fn check_memory(&self, pairs: usize, free: Option<u64>) -> Result<()> {
         let links: usize = self.lists().map(Vec::len).sum();
         // A link is held as an entry, while it is sorted, and in its row.
-        let needed = (3 * links * size_of::<Entry>() + pairs * size_of::<Pair>()) as u64;
+        let needed = 3 * links * size_of::<Entry>()
+            + 3 * self.left_out.len() * size_of::<[u32; 2]>()
+            + pairs * size_of::<Pair>();
+        let needed = needed as u64;
         match free {
             Some(free) if needed > free => Err(Error::TooLarge(format!(
                 "{links} links and more to come do not fit into {} MiB of memory: ask for a larger \
@@ -193,7 +224,9 @@ impl Traversal<'_> {
             };
             self.done += f64::from(pair.share);
             match (verdict, outcome) {
-                (Verdict::Drop, _) | (Verdict::Candidate(_), Outcome::Drop) => {}
+                (Verdict::Dark, _) => self.left_out.push([pair.target, pair.source]),
+                (Verdict::Drop, _) => {}
+                (Verdict::Candidate(c), Outcome::Drop) => self.leave_out(pair, &c),
                 (Verdict::Expand(order, error), _) => {
                     let biased = BIAS.get(order).copied().unwrap_or(0.0);
                     self.add_error(pair, error, biased);
@@ -236,7 +269,7 @@ impl Traversal<'_> {
                             self.add_error(pair, SAMPLED * c.bound, 0.0);
                             self.sampled.push(entry(kernel));
                         }
-                        _ => {}
+                        _ => self.leave_out(pair, &c),
                     }
                 }
             }
@@ -255,6 +288,13 @@ impl Traversal<'_> {
         let surfels = self.judge.facets(pair).0.len() as f64;
         self.errors += f64::from(error).powi(2) * surfels;
         self.bias += f64::from(error) * biased * surfels;
+    }
+
+    /// Samples brought no light: all pairs of surfels know, some may have missed it.
+    fn leave_out(&mut self, pair: Pair, candidate: &Candidate) {
+        if !candidate.exhaustive {
+            self.left_out.push([pair.target, pair.source]);
+        }
     }
 
     fn add_near(&mut self, samples: &[Sample], visible: &[bool]) {

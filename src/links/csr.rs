@@ -103,6 +103,12 @@ impl Rows {
             .map(|(&s, &w)| (s as usize, w))
     }
 
+    /// Whose row each entry is in.
+    pub fn targets(&self) -> impl Iterator<Item = u32> {
+        let rows = self.offsets.windows(2).zip(0..);
+        rows.flat_map(|(ends, t)| std::iter::repeat_n(t, (ends[1] - ends[0]) as usize))
+    }
+
     /// Whether a target has no entries.
     pub fn is_none(&self, target: usize) -> bool {
         self.offsets[target] == self.offsets[target + 1]

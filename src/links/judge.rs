@@ -42,8 +42,10 @@ pub(super) struct Sample {
 
 /// What is to be done with a pair of facets.
 pub(super) enum Verdict {
-    /// No light, or too little to count.
+    /// The facets do not face each other.
     Drop,
+    /// There is no light.
+    Dark,
     /// Look at the children of the larger facet.
     Split,
     /// Both are leaves: the surfels' form factors.
@@ -103,10 +105,13 @@ impl Judge<'_> {
         let (a, b) = self.facets(pair);
         let radiosity = self.accuracy.radiosity[pair.source as usize];
         let facing = Facing::between(a, b);
-        if radiosity <= 0.0 || facing.averted() {
+        if facing.averted() {
             return Verdict::Drop;
         }
-        let allowed = self.accuracy.error * self.accuracy.target_factor[pair.target as usize];
+        if radiosity <= 0.0 {
+            return Verdict::Dark;
+        }
+        let allowed = self.accuracy.allowed(pair.target);
         let [cos_a, cos_b] = facing.cosines();
         let solid_angle = b.area * cos_b / (facing.gap * facing.gap).max(f32::MIN_POSITIVE);
         let form_factor = cos_a * (solid_angle / std::f32::consts::PI).min(1.0);
@@ -378,6 +383,7 @@ impl Verdict {
             Verdict::Near(samples) => samples,
             Verdict::Candidate(c) => &c.samples,
             Verdict::Drop
+            | Verdict::Dark
             | Verdict::Split
             | Verdict::Expand(..)
             | Verdict::Mixed(_)

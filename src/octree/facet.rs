@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::Cell;
 
 /// One node of the octree. Lengths in the scan's unit, relative to the surfels' origin.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Facet {
     /// Its surfels: `begin..end` in the octree's order.
     pub begin: u32,

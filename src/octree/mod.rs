@@ -5,10 +5,12 @@ mod cell;
 mod cones;
 mod facet;
 mod measure;
+mod stored;
 
 pub use cell::Cell;
 pub(crate) use cell::codes as morton_codes;
 pub use facet::Facet;
+pub(crate) use stored::StoredFacet;
 
 use crate::points::Surfels;
 
@@ -18,7 +20,7 @@ use crate::points::Surfels;
 /// then has an octree of its own over the common cube. So every facet has exactly one parent, and
 /// a link between two facets knows whether they face each other. Levels follow one another in
 /// `facets`, children of a facet lie side by side.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Octree {
     /// The root first, then level by level.
     pub facets: Vec<Facet>,

@@ -52,6 +52,16 @@ pub trait Visibility: Sync {
     }
 }
 
+impl<V: Visibility + ?Sized> Visibility for &V {
+    fn visible(&self, segments: &[Segment]) -> Result<Vec<bool>> {
+        (**self).visible(segments)
+    }
+
+    fn is_open(&self) -> bool {
+        (**self).is_open()
+    }
+}
+
 /// Tests on all threads of the current rayon pool, in `T`: f64 is the reference, f32 the product.
 pub struct CpuVisibility<'a, T> {
     occluders: &'a Occluders,

@@ -1,0 +1,103 @@
+//! What a kept transport saves: fresh solves and relights side by side, each with its error against
+//! exact sums: `cargo bench --bench relight [-- POINTS]`.
+
+#[path = "../tests/relit/mod.rs"]
+mod relit;
+
+use std::time::Instant;
+
+use fmmgi_gpu::progress::Silent;
+use fmmgi_gpu::{Backend, Illumination, Method, Options, Transport, illuminate};
+use relit::{errors, lamp, move_lamp};
+
+const RECEIVERS: usize = 200;
+
+struct Case {
+    scene: &'static str,
+    tolerance: f64,
+    /// Where the lamp hangs, and what is said about it.
+    lamps: &'static [(&'static str, [f64; 3])],
+}
+
+const CASES: [Case; 3] = [
+    Case {
+        scene: "cornell",
+        tolerance: 0.02,
+        lamps: &[
+            ("at the ceiling", [0.5, 0.9, 0.5]),
+            ("a little aside", [0.55, 0.9, 0.5]),
+            ("in a corner", [0.85, 0.7, 0.8]),
+            ("behind a block", [0.15, 0.2, 0.1]),
+            ("at the ceiling again", [0.5, 0.9, 0.5]),
+        ],
+    },
+    Case {
+        scene: "two_rooms",
+        tolerance: 0.02,
+        lamps: &[
+            ("in the first room", [2.0, 2.0, 1.5]),
+            ("in the other room", [6.0, 2.0, 1.5]),
+            ("in the first room again", [2.0, 2.0, 1.5]),
+        ],
+    },
+    Case {
+        scene: "organic",
+        tolerance: 0.02,
+        lamps: &[
+            ("above", [0.5, 0.9, 0.5]),
+            ("aside", [0.7, 0.9, 0.5]),
+            ("low", [0.85, 0.1, 0.85]),
+        ],
+    },
+];
+
+fn main() {
+    let points = std::env::args().skip(1).find_map(|a| a.parse().ok());
+    let points = points.unwrap_or(128_000);
+    println!("lamp; fresh s, error; relit s (links, visibility, solve), share, segments, error");
+    for case in &CASES {
+        table(case, points);
+    }
+}
+
+fn table(case: &Case, points: usize) {
+    let options = Options {
+        method: Method::Fmm,
+        tolerance: Some(case.tolerance),
+        ..Options::default()
+    };
+    let mut scene = lamp(case.scene, points, case.lamps[0].1);
+    println!(
+        "{} of {} points, tolerance {}",
+        case.scene,
+        scene.cloud.len(),
+        case.tolerance
+    );
+    let mut transport = Transport::new(&scene, &options, Backend::Cpu, &Silent).unwrap();
+    for &(what, place) in case.lamps {
+        move_lamp(&mut scene, place);
+        let (fresh, afresh) =
+            timed(|| illuminate(&scene, &options, Backend::Cpu, &Silent).unwrap());
+        let (seconds, relit) = timed(|| transport.illuminate(&scene, &Silent).unwrap());
+        let of = |lit: &Illumination| 100.0 * errors(&scene, lit, RECEIVERS, |_| true).indirect;
+        let stats = &relit.stats;
+        let s = &stats.seconds;
+        println!(
+            "  {what:24} {fresh:5.2} {:5.2}%   {seconds:5.2} ({:.2}, {:.2}, {:.2}, {:.2}) {:3.0}% {:9} {:5.2}%",
+            of(&afresh),
+            s.links,
+            s.visibility,
+            s.solve,
+            s.checks,
+            100.0 * seconds / fresh,
+            stats.segments,
+            of(&relit),
+        );
+    }
+}
+
+fn timed<T>(work: impl FnOnce() -> T) -> (f64, T) {
+    let start = Instant::now();
+    let done = work();
+    (start.elapsed().as_secs_f64(), done)
+}

@@ -1,0 +1,84 @@
+//! Links for the lights that came so far, and the operator that they make.
+
+use super::task::Task;
+use super::work::{Bounced, Work};
+use crate::error::Result;
+use crate::links::{self, Accuracy, Kept, Links};
+use crate::octree::Octree;
+use crate::operator::{Fmm, GpuFmm};
+use crate::passes::gpu::Gpu;
+use crate::points::Surfels;
+use crate::visibility::Visibility;
+
+/// Links that are refined for one light after the other. On a device they stay until they change.
+pub(super) struct Linked {
+    kept: Kept,
+    gpu: Option<Gpu>,
+    on_device: Option<GpuFmm>,
+}
+
+impl Linked {
+    /// Links for no light yet.
+    pub fn none(octree: &Octree, surfels: &Surfels, gpu: Option<Gpu>) -> Linked {
+        Linked::new(Kept::none(octree, surfels), gpu)
+    }
+
+    pub fn new(kept: Kept, gpu: Option<Gpu>) -> Linked {
+        Linked {
+            kept,
+            gpu,
+            on_device: None,
+        }
+    }
+
+    /// The same at the same place.
+    pub fn rough(&self, task: &Task) -> Linked {
+        Linked::none(task.octree, task.surfels, self.gpu.clone())
+    }
+
+    pub fn is_none(&self) -> bool {
+        self.kept.is_none()
+    }
+
+    pub fn kept(&self) -> &Kept {
+        &self.kept
+    }
+
+    pub fn links(&self) -> &Links {
+        &self.kept.links
+    }
+
+    /// Makes the links good enough for a light. Without occlusion all are found afresh, which takes
+    /// next to no time: no segment is tested.
+    pub fn refine(&mut self, task: &Task, accuracy: &Accuracy) -> Result<()> {
+        let (surfels, octree, progress) = (task.surfels, task.octree, task.progress);
+        let opened = match task.visibility.is_open() {
+            true => {
+                self.kept.links = links::build_open(surfels, octree, accuracy, progress)?;
+                1
+            }
+            false => {
+                let visibility = task.visibility;
+                let kept = &mut self.kept;
+                kept.refine(surfels, octree, accuracy, visibility, progress)?
+            }
+        };
+        if opened > 0 {
+            self.on_device = None;
+        }
+        Ok(())
+    }
+
+    /// Solves the radiosity equation with the links that there are.
+    pub fn solve(&mut self, task: &Task, work: &Work) -> Result<Bounced> {
+        let (surfels, octree, links) = (task.surfels, task.octree, &self.kept.links);
+        let Some(gpu) = &self.gpu else {
+            return work.solve(&Fmm::<f32>::new(surfels, octree, links), task.progress);
+        };
+        let operator = match self.on_device.take() {
+            Some(operator) => operator,
+            None => GpuFmm::new(gpu, surfels, octree, links)?,
+        };
+        work.solve(self.on_device.insert(operator), task.progress)
+    }
+}
