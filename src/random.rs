@@ -17,6 +17,8 @@ pub(crate) enum Purpose {
     CheckEnergy,
     Rays,
     Errors,
+    /// Receivers that a solution is verified at, and what is drawn for them.
+    Verify,
 }
 
 /// The stream of one item: a surfel, or a pair of facets in one number.

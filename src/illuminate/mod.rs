@@ -1,9 +1,12 @@
 //! The main job: scene in, illumination map and what it took out.
 
+mod amplified;
 pub mod checks;
+mod quantiles;
 mod rays;
 pub mod stats;
 mod task;
+pub mod verify;
 mod work;
 
 use std::time::Instant;
@@ -11,6 +14,7 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
+pub use self::quantiles::Interval;
 pub use self::rays::RAYS;
 use self::stats::{Seconds, Stats};
 use self::task::Task;
@@ -218,6 +222,7 @@ pub fn illuminate(
             peak_memory_bytes: None,
             row_sum: solved.checked.map(|c| c.row_sum),
             checks: solved.checked.map(|c| c.checks),
+            error: solved.verified,
             repairs,
         },
         surfels,

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::Method;
 use super::checks::Checks;
+use super::verify::Verified;
 
 /// Seconds spent, by stage.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -78,6 +79,8 @@ pub struct Stats {
     pub row_sum: Option<RowSum>,
     /// What physics asks of the operator: how far it is off.
     pub checks: Option<Checks>,
+    /// The error of the irradiance, measured; `None` where it is exact or cannot be.
+    pub error: Option<Verified>,
     /// What was repaired or left out, in words with counts.
     pub repairs: Vec<String>,
 }

@@ -8,12 +8,13 @@ use glam::{DVec3, Vec3};
 
 use super::checks::Checked;
 use super::rays::Rays;
+use super::verify::{Claim, Verified, Verifier};
 use super::work::{Bounced, Work};
 use crate::error::Result;
 use crate::lights;
 use crate::links::{self, Accuracy, CLAMPED, Links, States, Thresholds};
 use crate::octree::Octree;
-use crate::operator::{Direct, Fields, TransportOperator};
+use crate::operator::{Direct, Fields, Fmm, TransportOperator};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -51,12 +52,20 @@ pub(super) struct Solved {
     pub irradiance: Vec<DVec3>,
     pub ended: Ended,
     pub checked: Option<Checked>,
+    pub verified: Option<Verified>,
     pub links: BTreeMap<String, u64>,
     pub rays: Option<Rays>,
     /// Seconds of the solver, with those of the checks.
     pub seconds: f64,
     /// Seconds of tests of other kinds than segments.
     pub tests: f64,
+}
+
+/// Irradiance straight from the lights.
+pub(super) struct DirectLight {
+    pub irradiance: Vec<DVec3>,
+    /// The part of it that is sampled: from sky and emitters.
+    pub sampled: Vec<DVec3>,
 }
 
 /// How an operator made of links solves the equation, on one backend or the other.
@@ -123,7 +132,8 @@ impl Task<'_> {
     /// Lights per surfel, then links for what is reflected: rough ones first, whose solution says
     /// where light is strong and where it is weak, then those that keep the tolerance.
     pub fn fmm(&self, repairs: &mut Vec<String>, solve: Solve) -> Result<Solved> {
-        let lights = self.direct_light(repairs)?;
+        let direct = self.direct_light(self.tolerance, repairs)?;
+        let lights = direct.irradiance.clone();
         let reflectance = || self.surfels.reflectance.iter().map(|r| r.as_dvec3());
         let ambient: DVec3 = lights.iter().sum::<DVec3>() / lights.len() as f64;
         let guess: Vec<DVec3> = lights
@@ -153,6 +163,42 @@ impl Task<'_> {
             ..work
         };
         let (_, rough) = run(&rough, &unchecked)?;
+        if let Ok(list) = std::env::var("EXPLORE") {
+            let mut start = rough.reflected.clone();
+            let mut irradiance = rough.irradiance.clone();
+            for allowed in list.split(',') {
+                let before = self.visibility.segments();
+                let clock = Instant::now();
+                let allowed: f64 = allowed.parse().unwrap();
+                let fine = self.accuracy(&start, Some(&irradiance), allowed);
+                let work = self.work(&lights, Some(&start), self.stop());
+                let (links, fine) = run(&fine, &work)?;
+                let seconds = clock.elapsed().as_secs_f64();
+                let used = self.visibility.segments() - before;
+                let clock = Instant::now();
+                let verified = self.verify(&direct, &fine, &links, used / 12, 0)?;
+                let t = verified.total;
+                let r = verified.reflected.unwrap();
+                eprintln!("allowed {allowed}: {seconds:.2} s, {} segments a point; verify {:.2} s {} receivers {} segments; total {:.4} [{:.4} {:.4}] all {:.4} [{:.4} {:.4}]; reflected {:.4} [{:.4} {:.4}] all {:.4} [{:.4} {:.4}] median {:.4} p95 {:.4} p99 {:.4} max {:.3} bias {:+.4} [{:+.4} {:+.4}]",
+                    used / self.surfels.len() as u64, clock.elapsed().as_secs_f64(), verified.receivers, verified.segments,
+                    t.one_bounce.value, t.one_bounce.low, t.one_bounce.high, t.rel_l2.value, t.rel_l2.low, t.rel_l2.high,
+                    r.one_bounce.value, r.one_bounce.low, r.one_bounce.high, r.rel_l2.value, r.rel_l2.low, r.rel_l2.high,
+                    r.median.value, r.p95.value, r.p99.value, r.max, r.bias.value, r.bias.low, r.bias.high);
+                if std::env::var("EXACT").is_ok() {
+                    let some: Vec<usize> = (0..500).map(|k| (2*k+1) * self.surfels.len() / 1000).collect();
+                    let reflected: Vec<DVec3> = fine.irradiance.iter().zip(reflectance()).map(|(h, r)| *h * r).collect();
+                    let truth = crate::operator::exact_irradiance(self.surfels, self.visibility.inner(), &some, &reflected)?;
+                    let (mut e, mut q) = (0.0, 0.0);
+                    for (&i, (h, _)) in some.iter().zip(&truth) {
+                        e += (fine.irradiance[i] - lights[i] - *h).length_squared();
+                        q += h.length_squared();
+                    }
+                    eprintln!("   exact reflected {:.4}", (e / q).sqrt());
+                }
+                start = fine.reflected.clone();
+                irradiance = fine.irradiance.clone();
+            }
+        }
         let allowed = match self.visibility.is_open() {
             true => self.tolerance,
             false => ERROR_A_LINK * self.tolerance,
@@ -170,6 +216,38 @@ impl Task<'_> {
         })
     }
 
+    /// How far a solution is from the point truth.
+    fn verify(
+        &self,
+        direct: &DirectLight,
+        bounced: &Bounced,
+        links: &Links,
+        budget: u64,
+        round: u64,
+    ) -> Result<Verified> {
+        let verifier = Verifier {
+            surfels: self.surfels,
+            octree: self.octree,
+            visibility: self.visibility,
+            sky: self.scene.sky,
+            seed: self.seed,
+        };
+        let reflected: Vec<DVec3> = match self.max_bounces {
+            Some(_) => bounced.sent.clone(),
+            None => bounced.reflected.clone(),
+        };
+        let claim = Claim {
+            irradiance: &bounced.irradiance,
+            lights: &direct.irradiance,
+            sampled: &direct.sampled,
+            reflected: &reflected,
+        };
+        let measured = verifier.measure(&claim, budget, round, self.progress)?;
+        let operator = Fmm::<f32>::new(self.surfels, self.octree, links);
+        let bounces = self.max_bounces.map(|bounces| bounces.saturating_sub(1));
+        verifier.judge(&claim, &measured, Some(&operator), bounces, self.progress)
+    }
+
     fn links(&self, accuracy: &Accuracy) -> Result<Links> {
         let (surfels, octree, progress) = (self.surfels, self.octree, self.progress);
         match self.visibility.is_open() {
@@ -178,27 +256,34 @@ impl Task<'_> {
         }
     }
 
-    /// Point lights, sky and emitters.
-    pub(super) fn direct_light(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {
-        let mut lights = self.lights(repairs)?;
+    /// Point lights, sky and emitters, the latter two sampled as a tolerance needs.
+    pub(super) fn direct_light(
+        &self,
+        tolerance: f64,
+        repairs: &mut Vec<String>,
+    ) -> Result<DirectLight> {
+        let mut irradiance = self.point_lights(repairs)?;
+        let mut sampled = self.sky(tolerance)?;
         let emitted = lights::emitters(
             self.surfels,
-            self.tolerance,
+            tolerance,
             self.seed,
             self.visibility,
             self.progress,
         )?;
-        for (light, emitted) in lights.iter_mut().zip(emitted) {
-            *light += emitted;
+        for ((light, sampled), emitted) in irradiance.iter_mut().zip(&mut sampled).zip(emitted) {
+            *sampled += emitted;
+            *light += *sampled;
         }
-        Ok(lights)
+        Ok(DirectLight {
+            irradiance,
+            sampled,
+        })
     }
 
-    /// Point lights and sky.
-    fn lights(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {
-        let scene = self.scene;
-        let lit =
-            lights::point_lights(self.surfels, &scene.lights, self.visibility, self.progress)?;
+    fn point_lights(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {
+        let lights = &self.scene.lights;
+        let lit = lights::point_lights(self.surfels, lights, self.visibility, self.progress)?;
         if lit.too_close > 0 {
             repairs.push(format!(
                 "{} surfels lie closer to a light than their own radius: lit as from that radius",
@@ -211,19 +296,29 @@ impl Task<'_> {
                 lit.on_surface
             ));
         }
-        let mut irradiance = lit.irradiance;
-        if scene.sky != Vec3::ZERO {
-            let sky = lights::sky(
+        Ok(lit.irradiance)
+    }
+
+    fn sky(&self, tolerance: f64) -> Result<Vec<DVec3>> {
+        let sky = self.scene.sky;
+        match sky == Vec3::ZERO {
+            true => Ok(vec![DVec3::ZERO; self.surfels.len()]),
+            false => lights::sky(
                 self.surfels,
-                scene.sky,
-                self.tolerance,
+                sky,
+                tolerance,
                 self.seed,
                 self.visibility,
                 self.progress,
-            )?;
-            for (h, s) in irradiance.iter_mut().zip(sky) {
-                *h += s;
-            }
+            ),
+        }
+    }
+
+    /// Point lights and sky.
+    fn lights(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {
+        let mut irradiance = self.point_lights(repairs)?;
+        for (h, s) in irradiance.iter_mut().zip(self.sky(self.tolerance)?) {
+            *h += s;
         }
         Ok(irradiance)
     }
