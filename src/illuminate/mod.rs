@@ -2,6 +2,7 @@
 
 mod amplified;
 pub mod checks;
+mod fmm;
 mod quantiles;
 mod rays;
 pub mod stats;

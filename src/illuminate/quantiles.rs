@@ -13,7 +13,7 @@ pub struct Interval {
 }
 
 /// Resamples of a bootstrap.
-const RESAMPLES: usize = 1000;
+const RESAMPLES: usize = 300;
 /// Standard deviations of a normal distribution below which 95% lie.
 pub(super) const DEVIATIONS: f64 = 1.645;
 

@@ -1,5 +1,5 @@
-//! The ways from lights to irradiance: exact sums, links, and the lists of the report (for rays see
-//! `rays`).
+//! The ways from lights to irradiance: exact sums and the lists of the report (for links
+//! see `fmm`, for rays `rays`).
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -8,27 +8,23 @@ use glam::{DVec3, Vec3};
 
 use super::checks::Checked;
 use super::rays::Rays;
-use super::verify::{Claim, Verified, Verifier};
+use super::verify::Verified;
 use super::work::{Bounced, Work};
 use crate::error::Result;
 use crate::lights;
 use crate::links::{self, Accuracy, CLAMPED, Links, States, Thresholds};
 use crate::octree::Octree;
-use crate::operator::{Direct, Fields, Fmm, TransportOperator};
+use crate::operator::{Direct, Fields, TransportOperator};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::solve::{Ended, Stop};
 use crate::visibility::{Counted, PointVisibility, Visibility};
 
-/// Allowed error of a link with tested visibility in units of the tolerance and the mean irradiance.
-/// How errors of many links add up is measured: allowed 0.015, the scenes are off by 0.007 to 0.016
-/// in all (`tests/truth.rs` holds them to the tolerance), the indirect light of a real cave by 0.03.
-const ERROR_A_LINK: f64 = 0.5;
-/// The same for the first, rough links.
-const ROUGH_ERROR: f64 = 0.3;
+/// Allowed error of the first, rough links, in units of the mean irradiance.
+pub(super) const ROUGH_ERROR: f64 = 0.3;
 /// Residual to which the rough links are solved.
-const ROUGH_RESIDUAL: f64 = 0.03;
+pub(super) const ROUGH_RESIDUAL: f64 = 0.03;
 /// What f32 can reach.
 const LEAST_RESIDUAL: f64 = 1e-6;
 
@@ -129,126 +125,7 @@ impl Task<'_> {
         })
     }
 
-    /// Lights per surfel, then links for what is reflected: rough ones first, whose solution says
-    /// where light is strong and where it is weak, then those that keep the tolerance.
-    pub fn fmm(&self, repairs: &mut Vec<String>, solve: Solve) -> Result<Solved> {
-        let direct = self.direct_light(self.tolerance, repairs)?;
-        let lights = direct.irradiance.clone();
-        let reflectance = || self.surfels.reflectance.iter().map(|r| r.as_dvec3());
-        let ambient: DVec3 = lights.iter().sum::<DVec3>() / lights.len() as f64;
-        let guess: Vec<DVec3> = lights
-            .iter()
-            .zip(reflectance())
-            .map(|(h, r)| r * (*h + ambient))
-            .collect();
-        if guess.iter().all(|b| *b == DVec3::ZERO) || self.max_bounces == Some(0) {
-            return Ok(Solved::without_reflection(lights));
-        }
-        let rough_stop = Stop {
-            residual: ROUGH_RESIDUAL,
-            bounces: None,
-        };
-        let mut seconds = 0.0;
-        let mut run = |accuracy: &Accuracy, work: &Work| {
-            let links = self.links(accuracy)?;
-            let clock = Instant::now();
-            let bounced = solve(&links, work)?;
-            seconds += clock.elapsed().as_secs_f64();
-            Ok((links, bounced))
-        };
-        let rough = self.accuracy(&guess, None, ROUGH_ERROR);
-        let work = self.work(&lights, None, rough_stop);
-        let unchecked = Work {
-            checked: None,
-            ..work
-        };
-        let (_, rough) = run(&rough, &unchecked)?;
-        if let Ok(list) = std::env::var("EXPLORE") {
-            let mut start = rough.reflected.clone();
-            let mut irradiance = rough.irradiance.clone();
-            for allowed in list.split(',') {
-                let before = self.visibility.segments();
-                let clock = Instant::now();
-                let allowed: f64 = allowed.parse().unwrap();
-                let fine = self.accuracy(&start, Some(&irradiance), allowed);
-                let work = self.work(&lights, Some(&start), self.stop());
-                let (links, fine) = run(&fine, &work)?;
-                let seconds = clock.elapsed().as_secs_f64();
-                let used = self.visibility.segments() - before;
-                let clock = Instant::now();
-                let verified = self.verify(&direct, &fine, &links, used / 12, 0)?;
-                let t = verified.total;
-                let r = verified.reflected.unwrap();
-                eprintln!("allowed {allowed}: {seconds:.2} s, {} segments a point; verify {:.2} s {} receivers {} segments; total {:.4} [{:.4} {:.4}] all {:.4} [{:.4} {:.4}]; reflected {:.4} [{:.4} {:.4}] all {:.4} [{:.4} {:.4}] median {:.4} p95 {:.4} p99 {:.4} max {:.3} bias {:+.4} [{:+.4} {:+.4}]",
-                    used / self.surfels.len() as u64, clock.elapsed().as_secs_f64(), verified.receivers, verified.segments,
-                    t.one_bounce.value, t.one_bounce.low, t.one_bounce.high, t.rel_l2.value, t.rel_l2.low, t.rel_l2.high,
-                    r.one_bounce.value, r.one_bounce.low, r.one_bounce.high, r.rel_l2.value, r.rel_l2.low, r.rel_l2.high,
-                    r.median.value, r.p95.value, r.p99.value, r.max, r.bias.value, r.bias.low, r.bias.high);
-                if std::env::var("EXACT").is_ok() {
-                    let some: Vec<usize> = (0..500).map(|k| (2*k+1) * self.surfels.len() / 1000).collect();
-                    let reflected: Vec<DVec3> = fine.irradiance.iter().zip(reflectance()).map(|(h, r)| *h * r).collect();
-                    let truth = crate::operator::exact_irradiance(self.surfels, self.visibility.inner(), &some, &reflected)?;
-                    let (mut e, mut q) = (0.0, 0.0);
-                    for (&i, (h, _)) in some.iter().zip(&truth) {
-                        e += (fine.irradiance[i] - lights[i] - *h).length_squared();
-                        q += h.length_squared();
-                    }
-                    eprintln!("   exact reflected {:.4}", (e / q).sqrt());
-                }
-                start = fine.reflected.clone();
-                irradiance = fine.irradiance.clone();
-            }
-        }
-        let allowed = match self.visibility.is_open() {
-            true => self.tolerance,
-            false => ERROR_A_LINK * self.tolerance,
-        };
-        let fine = self.accuracy(&rough.reflected, Some(&rough.irradiance), allowed);
-        let work = self.work(&lights, Some(&rough.reflected), self.stop());
-        let (links, fine) = run(&fine, &work)?;
-        Ok(Solved {
-            irradiance: fine.irradiance,
-            ended: fine.ended,
-            checked: fine.checked,
-            links: counts(&links),
-            seconds,
-            ..Solved::default()
-        })
-    }
-
-    /// How far a solution is from the point truth.
-    fn verify(
-        &self,
-        direct: &DirectLight,
-        bounced: &Bounced,
-        links: &Links,
-        budget: u64,
-        round: u64,
-    ) -> Result<Verified> {
-        let verifier = Verifier {
-            surfels: self.surfels,
-            octree: self.octree,
-            visibility: self.visibility,
-            sky: self.scene.sky,
-            seed: self.seed,
-        };
-        let reflected: Vec<DVec3> = match self.max_bounces {
-            Some(_) => bounced.sent.clone(),
-            None => bounced.reflected.clone(),
-        };
-        let claim = Claim {
-            irradiance: &bounced.irradiance,
-            lights: &direct.irradiance,
-            sampled: &direct.sampled,
-            reflected: &reflected,
-        };
-        let measured = verifier.measure(&claim, budget, round, self.progress)?;
-        let operator = Fmm::<f32>::new(self.surfels, self.octree, links);
-        let bounces = self.max_bounces.map(|bounces| bounces.saturating_sub(1));
-        verifier.judge(&claim, &measured, Some(&operator), bounces, self.progress)
-    }
-
-    fn links(&self, accuracy: &Accuracy) -> Result<Links> {
+    pub(super) fn links(&self, accuracy: &Accuracy) -> Result<Links> {
         let (surfels, octree, progress) = (self.surfels, self.octree, self.progress);
         match self.visibility.is_open() {
             true => links::build_open(surfels, octree, accuracy, progress),
@@ -323,7 +200,7 @@ impl Task<'_> {
         Ok(irradiance)
     }
 
-    fn accuracy(
+    pub(super) fn accuracy(
         &self,
         reflected: &[DVec3],
         irradiance: Option<&[DVec3]>,

@@ -9,6 +9,7 @@
 //! That is the error of one application of the operator, r = H - L - F(E + ρH). The error of the
 //! solution is (I - Fρ)⁻¹ r = r + G r: what is wrong is reflected on as light is.
 
+use std::fmt;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
@@ -58,8 +59,14 @@ pub struct Verified {
     pub segments: u64,
     /// Seconds that it took.
     pub seconds: f64,
+    /// Upper bound of the errors that was asked for.
+    pub tolerance: f64,
+    /// Whether both parts' relative L2 errors are within it, with 95% confidence.
+    pub met: bool,
     /// Of the irradiance.
     pub total: Errors,
+    /// Relative L2 error by sampled light straight from sky and shining surfels, a part of that.
+    pub direct: Interval,
     /// Of the irradiance by light that was reflected before, relative to itself; `None` where there is
     /// none.
     pub reflected: Option<Errors>,
@@ -70,6 +77,23 @@ impl Verified {
     pub fn bound(&self) -> f64 {
         let reflected = self.reflected.map_or(0.0, |part| part.rel_l2.high);
         self.total.rel_l2.high.max(reflected)
+    }
+}
+
+impl fmt::Display for Verified {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let percent = |error: Interval| {
+            let [value, low, high] = [error.value, error.low, error.high].map(|x| 100.0 * x);
+            format!("{value:.2}% ({low:.2} to {high:.2})")
+        };
+        write!(f, "{} in all", percent(self.total.rel_l2))?;
+        if let Some(reflected) = &self.reflected {
+            write!(f, ", {} of reflected light", percent(reflected.rel_l2))?;
+        }
+        let [p95, max] = [self.total.p95.value, self.total.max].map(|x| 100.0 * x);
+        write!(f, ", 95% of the points within {p95:.1}%, the worst {max:.0}%")?;
+        let bias = 100.0 * self.total.bias.value;
+        write!(f, ", bias {bias:+.2}%, by {} points", self.receivers)
     }
 }
 
@@ -90,13 +114,15 @@ pub struct Verifier<'a> {
     pub octree: &'a Octree,
     pub visibility: &'a dyn Visibility,
     pub sky: Vec3,
+    /// Relative error that is to be told from none.
+    pub tolerance: f64,
     pub seed: u64,
 }
 
 /// Surfels that are looked at, at most and at least.
 const RECEIVERS: [usize; 2] = [1000, 200];
-/// Draws of an estimate, on average and at least.
-const DRAWS: usize = 24;
+/// Draws of an estimate, on average, at a tolerance of 0.03: its noise should be as large as the error.
+const DRAWS: f64 = 48.0;
 /// Draws of the two estimates each that tell where more are needed.
 const PILOT: u32 = 6;
 /// Fewest and most draws of an estimate.
@@ -155,8 +181,13 @@ impl Verifier<'_> {
         let lights = self.kinds(claim);
         let count = match exact {
             true => exact_rows.min(RECEIVERS[0]),
-            false => (budget as usize / (3 * DRAWS * lights.len().max(1)))
-                .clamp(RECEIVERS[1], RECEIVERS[0]),
+            false => {
+                // The noise falls as draws^(-3/4).
+                let draws = DRAWS * (0.03 / self.tolerance).powf(4.0 / 3.0);
+                let all = 2.0 * draws * lights.len().max(1) as f64;
+                let count = (1.0 - AGAIN) * budget as f64 / all;
+                (count as usize).clamp(RECEIVERS[1], RECEIVERS[0])
+            }
         };
         let receivers = self.receivers(count.min(n), round);
         let mut measured = Measured {
@@ -418,15 +449,13 @@ impl Verifier<'_> {
         progress: &dyn Progress,
     ) -> Result<Verified> {
         let stop = |residual| Stop { residual, bounces };
-        let grey = |off: &Off| (off.direct + off.reflected).element_sum() / 3.0;
-        let mean = measured.mean();
-        let of_total: Vec<f64> = mean.iter().map(grey).collect();
+        let [a, b] = measured.grey(Part::Total);
         let carried = match operator {
             Some(operator) => Some(amplified(
                 operator,
                 self.surfels,
                 &measured.receivers,
-                &of_total,
+                [&a, &b],
                 stop(0.03),
                 self.seed,
                 progress,
@@ -435,13 +464,18 @@ impl Verifier<'_> {
         };
         let errors = |part| self.errors(claim, measured, part, carried.as_ref());
         let reflected = claim.level(Part::Reflected).0 > 0.0;
-        Ok(Verified {
+        let mut verified = Verified {
             receivers: measured.receivers.len(),
             segments: measured.segments,
+            tolerance: self.tolerance,
+            met: false,
             total: errors(Part::Total),
+            direct: self.errors(claim, measured, Part::Direct, None).one_bounce,
             reflected: reflected.then(|| errors(Part::Reflected)),
             seconds: measured.start.elapsed().as_secs_f64(),
-        })
+        };
+        verified.met = verified.bound() <= self.tolerance;
+        Ok(verified)
     }
 
     fn errors(
@@ -470,8 +504,8 @@ impl Verifier<'_> {
         let rel_l2 = match carried {
             None => one_bounce,
             Some(carried) => {
-                let grey: Vec<f64> = signed.iter().map(|x| x / 3.0).collect();
-                carried.added_to(one_bounce, &grey, claim.grey(part))
+                let [a, b] = measured.grey(part);
+                carried.added_to(one_bounce, [&a, &b], claim.grey(part))
             }
         };
         Errors {
@@ -491,6 +525,8 @@ impl Verifier<'_> {
 enum Part {
     Total,
     Reflected,
+    /// What is sampled of the light straight from lights, in units of the whole.
+    Direct,
 }
 
 impl Part {
@@ -498,6 +534,7 @@ impl Part {
         let of = |off: &Off| match self {
             Part::Total => off.direct + off.reflected,
             Part::Reflected => off.reflected,
+            Part::Direct => off.direct,
         };
         off.iter().map(of).collect()
     }
@@ -506,7 +543,7 @@ impl Part {
 impl Claim<'_> {
     fn part(&self, part: Part, i: usize) -> DVec3 {
         match part {
-            Part::Total => self.irradiance[i],
+            Part::Total | Part::Direct => self.irradiance[i],
             Part::Reflected => self.irradiance[i] - self.lights[i],
         }
     }
@@ -556,6 +593,13 @@ impl Measured {
                 off.direct += claim.sampled[i as usize];
             }
         }
+    }
+
+    /// Means of the channels of both estimates of an error.
+    fn grey(&self, part: Part) -> [Vec<f64>; 2] {
+        let grey = |off: DVec3| off.element_sum() / 3.0;
+        let of = |off: &Vec<Off>| part.of(off).into_iter().map(grey).collect();
+        self.off.each_ref().map(of)
     }
 
     fn mean(&self) -> Vec<Off> {

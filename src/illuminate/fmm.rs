@@ -1,0 +1,229 @@
+//! The way by links: made, verified, and refined until the tolerance is met.
+
+use std::time::Instant;
+
+use glam::{DVec3, Vec3};
+
+use super::task::{DirectLight, ROUGH_ERROR, ROUGH_RESIDUAL, Solve, Solved, Task, counts};
+use super::verify::{Claim, Verified, Verifier};
+use super::work::{Bounced, Work};
+use crate::error::{Error, Result};
+use crate::links::{Accuracy, Links};
+use crate::operator::Fmm;
+use crate::solve::Stop;
+use crate::visibility::Visibility;
+
+/// Allowed error of a link with tested visibility, in units of the tolerance and the mean irradiance,
+/// to begin with.
+const ERROR_A_LINK: f64 = 0.5;
+/// Links are made at most so many times.
+const ROUNDS: u64 = 5;
+/// Part of the segments that a verification may test.
+const VERIFICATION: f64 = 0.08;
+/// Segments that it may test in any case.
+const LEAST_SEGMENTS: u64 = 1 << 16;
+/// The error falls as this power of what a link may be off by: measured are 0.25 to 0.45 with
+/// occlusion. Without, errors are those of expansions.
+const POWER: [f64; 2] = [0.35, 1.0];
+/// What a refinement aims at, in units of what would just do.
+const AIM: f64 = 0.9;
+/// Bounds of the factor on what is allowed from one round to the next.
+const STEP: [f64; 2] = [0.03, 0.7];
+
+/// What decides on the error of a solution.
+#[derive(Clone, Copy, Debug)]
+struct Effort {
+    /// Error that a link may make, relative to the mean irradiance.
+    links: f64,
+    /// Tolerance of the sampled lights.
+    lights: f64,
+}
+
+impl Task<'_> {
+    /// Lights per surfel, then links for what is reflected: rough ones first, whose solution says
+    /// where light is strong and where it is weak, then those that keep the tolerance.
+    pub fn fmm(&self, repairs: &mut Vec<String>, solve: Solve) -> Result<Solved> {
+        let mut effort = Effort {
+            links: match self.visibility.is_open() {
+                true => self.tolerance,
+                false => ERROR_A_LINK * self.tolerance,
+            },
+            lights: self.tolerance,
+        };
+        let mut direct = self.direct_light(effort.lights, repairs)?;
+        let mut seconds = 0.0;
+        let mut run = |accuracy: &Accuracy, work: &Work| {
+            let links = self.links(accuracy)?;
+            let clock = Instant::now();
+            let bounced = solve(&links, work)?;
+            seconds += clock.elapsed().as_secs_f64();
+            Ok::<_, Error>((links, bounced))
+        };
+        let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
+        let dark = direct.irradiance.iter().all(|h| *h == DVec3::ZERO);
+        let mut before = match black || dark || self.max_bounces == Some(0) {
+            true => None,
+            false => Some(self.rough(&direct, &mut run)?),
+        };
+        let mut history: Vec<(f64, f64)> = Vec::new();
+        let mut best: Option<Solved> = None;
+        let mut verified_segments = 0;
+        for round in 0..ROUNDS {
+            let found = match &before {
+                None => Ok(None),
+                Some(before) => {
+                    let irradiance = Some(before.irradiance.as_slice());
+                    let accuracy = self.accuracy(&before.reflected, irradiance, effort.links);
+                    let start = Some(before.reflected.as_slice());
+                    run(&accuracy, &self.work(&direct.irradiance, start, self.stop())).map(Some)
+                }
+            };
+            let found = match (found, best.take()) {
+                (Err(Error::TooLarge(why)), Some(last)) => {
+                    self.progress.note(&format!("no further refinement: {why}"));
+                    best = Some(last);
+                    break;
+                }
+                (found, _) => found?,
+            };
+            let spent = self.visibility.segments() - verified_segments;
+            let budget = ((VERIFICATION * spent as f64) as u64).max(LEAST_SEGMENTS);
+            let (links, bounced) = match &found {
+                Some((links, bounced)) => (Some(links), Some(bounced)),
+                None => (None, None),
+            };
+            let verified = self.verify(&direct, bounced, links, budget, round)?;
+            verified_segments += verified.segments;
+            self.progress.note(&format!(
+                "allowed {:.2e}, lights {:.2e}: {} segments a point; {verified}",
+                effort.links,
+                effort.lights,
+                spent / self.surfels.len() as u64
+            ));
+            let met = verified.met;
+            let mut solved = match &found {
+                None => Solved::without_reflection(direct.irradiance.clone()),
+                Some((links, bounced)) => Solved {
+                    irradiance: bounced.irradiance.clone(),
+                    ended: bounced.ended,
+                    checked: bounced.checked,
+                    links: counts(links),
+                    ..Solved::default()
+                },
+            };
+            let ended = solved.ended;
+            solved.verified = Some(verified);
+            best = Some(solved);
+            if met || round + 1 == ROUNDS || !ended.converged {
+                break;
+            }
+            history.push((effort.links, verified.reflected.map_or(0.0, |r| r.rel_l2.value)));
+            let last = effort;
+            effort = effort.refined(&verified, &history, self.tolerance, self.visibility.is_open());
+            if let Some((_, bounced)) = found {
+                before = Some(bounced);
+            }
+            if effort.lights < last.lights {
+                direct = self.direct_light(effort.lights, &mut Vec::new())?;
+            }
+        }
+        let mut solved = best.unwrap_or_default();
+        solved.seconds = seconds;
+        Ok(solved)
+    }
+
+    /// A first solution by rough links.
+    fn rough(
+        &self,
+        direct: &DirectLight,
+        run: &mut impl FnMut(&Accuracy, &Work) -> Result<(Links, Bounced)>,
+    ) -> Result<Bounced> {
+        let lights = &direct.irradiance;
+        let ambient: DVec3 = lights.iter().sum::<DVec3>() / lights.len() as f64;
+        let guess: Vec<DVec3> = (lights.iter().zip(&self.surfels.reflectance))
+            .map(|(h, r)| r.as_dvec3() * (*h + ambient))
+            .collect();
+        let stop = Stop {
+            residual: ROUGH_RESIDUAL,
+            bounces: None,
+        };
+        let work = Work {
+            checked: None,
+            ..self.work(lights, None, stop)
+        };
+        let (_, rough) = run(&self.accuracy(&guess, None, ROUGH_ERROR), &work)?;
+        Ok(rough)
+    }
+
+    /// How far a solution is from the point truth; without links it is light straight from the lights.
+    pub(super) fn verify(
+        &self,
+        direct: &DirectLight,
+        bounced: Option<&Bounced>,
+        links: Option<&Links>,
+        budget: u64,
+        round: u64,
+    ) -> Result<Verified> {
+        let verifier = Verifier {
+            surfels: self.surfels,
+            octree: self.octree,
+            visibility: self.visibility,
+            sky: self.scene.sky,
+            tolerance: self.tolerance,
+            seed: self.seed,
+        };
+        let dark = vec![DVec3::ZERO; self.surfels.len()];
+        let claim = Claim {
+            irradiance: bounced.map_or(&direct.irradiance, |b| &b.irradiance),
+            lights: &direct.irradiance,
+            sampled: &direct.sampled,
+            reflected: match (bounced, self.max_bounces) {
+                (None, _) => &dark,
+                (Some(bounced), Some(_)) => &bounced.sent,
+                (Some(bounced), None) => &bounced.reflected,
+            },
+        };
+        let measured = verifier.measure(&claim, budget, round, self.progress)?;
+        let operator = links.map(|links| Fmm::<f32>::new(self.surfels, self.octree, links));
+        let bounces = self.max_bounces.map(|bounces| bounces.saturating_sub(1));
+        verifier.judge(&claim, &measured, operator.as_ref(), bounces, self.progress)
+    }
+}
+
+impl Effort {
+    /// What should meet the tolerance, after rounds that did not: `history` has their allowed errors of
+    /// links and the errors that came of them.
+    fn refined(
+        self,
+        verified: &Verified,
+        history: &[(f64, f64)],
+        tolerance: f64,
+        open: bool,
+    ) -> Effort {
+        let mut next = self;
+        // How much smaller an error has to be, so that its upper bound, too, is within the tolerance.
+        let too_large = |error: super::Interval| error.high / (AIM * tolerance);
+        let of_links = verified.reflected.map_or(0.0, |r| too_large(r.rel_l2));
+        let of_all = too_large(verified.total.rel_l2);
+        let direct = verified.direct.value / verified.total.rel_l2.value.max(f64::MIN_POSITIVE);
+        if of_all > 1.0 / AIM && direct > 0.5 {
+            next.lights *= (1.0 / of_all).clamp(0.3, 0.8);
+        }
+        let by_links = match direct < 0.8 {
+            true => of_links.max(of_all),
+            false => of_links,
+        };
+        if by_links > 1.0 {
+            let [closed, opened] = POWER;
+            let usual = if open { opened } else { closed };
+            let power = match history {
+                [.., (a, x), (b, y)] if *y > 0.0 && x > y && a > b => {
+                    ((x / y).ln() / (a / b).ln()).clamp(0.7 * usual, 1.5 * usual)
+                }
+                _ => usual,
+            };
+            next.links *= by_links.powf(-1.0 / power).clamp(STEP[0], STEP[1]);
+        }
+        next
+    }
+}
