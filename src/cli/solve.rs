@@ -174,7 +174,7 @@ pub fn run(args: &Args) -> Result<Done> {
     if !args.quiet {
         super::print(&summary(stats, &chosen.describe(), &files))?;
     }
-    Ok(if stats.converged {
+    Ok(if stats.converged && stats.met() {
         Done::Well
     } else {
         Done::NotConverged
@@ -261,7 +261,7 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
         format!("backend     {backend}"),
         format!(
             "time        {:.2} s (load {:.2}, prepare {:.2}, octree {:.2}, links {:.2}, \
-             visibility {:.2}, solve {:.2}, checks {:.2}, write {:.2})",
+             visibility {:.2}, solve {:.2}, checks {:.2}, verification {:.2}, write {:.2})",
             seconds.total,
             seconds.load,
             seconds.prepare,
@@ -270,6 +270,7 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
             seconds.visibility,
             seconds.solve,
             seconds.checks,
+            seconds.verification,
             seconds.write
         ),
         format!(
@@ -288,6 +289,13 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
             "rays        {rays} from each point, which leave a standard error of {:.2}%",
             100.0 * error
         ));
+    }
+    if let Some(error) = &stats.error {
+        let met = match stats.met() {
+            true => "",
+            false => ": TOLERANCE NOT MET",
+        };
+        lines.push(format!("error       {error}{met}"));
     }
     if let Some(sum) = stats.row_sum {
         lines.push(format!(

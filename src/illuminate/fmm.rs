@@ -18,13 +18,13 @@ use crate::visibility::Visibility;
 const ERROR_A_LINK: f64 = 0.5;
 /// Links are made at most so many times.
 const ROUNDS: u64 = 5;
-/// Part of the segments that a verification may test.
+/// Part of the segments of a solution that its verification may test.
 const VERIFICATION: f64 = 0.08;
 /// Segments that it may test in any case.
 const LEAST_SEGMENTS: u64 = 1 << 16;
-/// The error falls as this power of what a link may be off by: measured are 0.25 to 0.45 with
+/// The error falls as this power of what a link may be off by: measured are 0.3 to 0.55 with
 /// occlusion. Without, errors are those of expansions.
-const POWER: [f64; 2] = [0.35, 1.0];
+const POWER: [f64; 2] = [0.45, 1.0];
 /// What a refinement aims at, in units of what would just do.
 const AIM: f64 = 0.9;
 /// Bounds of the factor on what is allowed from one round to the next.
@@ -67,7 +67,7 @@ impl Task<'_> {
         };
         let mut history: Vec<(f64, f64)> = Vec::new();
         let mut best: Option<Solved> = None;
-        let mut verified_segments = 0;
+        let mut verification = 0.0;
         for round in 0..ROUNDS {
             let found = match &before {
                 None => Ok(None),
@@ -86,14 +86,14 @@ impl Task<'_> {
                 }
                 (found, _) => found?,
             };
-            let spent = self.visibility.segments() - verified_segments;
-            let budget = ((VERIFICATION * spent as f64) as u64).max(LEAST_SEGMENTS);
+            let spent = self.visibility.segments();
+            let budget = budget(spent);
             let (links, bounced) = match &found {
                 Some((links, bounced)) => (Some(links), Some(bounced)),
                 None => (None, None),
             };
             let verified = self.verify(&direct, bounced, links, budget, round)?;
-            verified_segments += verified.segments;
+            verification += verified.seconds;
             self.progress.note(&format!(
                 "allowed {:.2e}, lights {:.2e}: {} segments a point; {verified}",
                 effort.links,
@@ -117,7 +117,8 @@ impl Task<'_> {
             if met || round + 1 == ROUNDS || !ended.converged {
                 break;
             }
-            history.push((effort.links, verified.reflected.map_or(0.0, |r| r.rel_l2.value)));
+            let reflected = verified.reflected.map_or(0.0, |r| r.rel_l2.value);
+            history.push((effort.links, reflected));
             let last = effort;
             effort = effort.refined(&verified, &history, self.tolerance, self.visibility.is_open());
             if let Some((_, bounced)) = found {
@@ -127,9 +128,12 @@ impl Task<'_> {
                 direct = self.direct_light(effort.lights, &mut Vec::new())?;
             }
         }
-        let mut solved = best.unwrap_or_default();
-        solved.seconds = seconds;
-        Ok(solved)
+        Ok(Solved {
+            direct: direct.irradiance,
+            seconds,
+            verification,
+            ..best.unwrap_or_default()
+        })
     }
 
     /// A first solution by rough links.
@@ -167,7 +171,7 @@ impl Task<'_> {
         let verifier = Verifier {
             surfels: self.surfels,
             octree: self.octree,
-            visibility: self.visibility,
+            visibility: self.visibility.inner(),
             sky: self.scene.sky,
             tolerance: self.tolerance,
             seed: self.seed,
@@ -188,6 +192,11 @@ impl Task<'_> {
         let bounces = self.max_bounces.map(|bounces| bounces.saturating_sub(1));
         verifier.judge(&claim, &measured, operator.as_ref(), bounces, self.progress)
     }
+}
+
+/// Segments that may be tested to verify what took so many.
+pub(super) fn budget(segments: u64) -> u64 {
+    ((VERIFICATION * segments as f64) as u64).max(LEAST_SEGMENTS)
 }
 
 impl Effort {

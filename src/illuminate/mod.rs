@@ -91,6 +91,9 @@ pub struct Illumination {
     pub map: IlluminationMap,
     /// The surfels that the points stood for, in the order of the octree.
     pub surfels: Surfels,
+    /// Irradiance of the surfels straight from lights, by the methods fmm and gather, which find it
+    /// apart; otherwise empty.
+    pub direct: Vec<DVec3>,
     /// What it took and how well it went.
     pub stats: Stats,
 }
@@ -196,6 +199,7 @@ pub fn illuminate(
     };
     Ok(Illumination {
         map,
+        direct: solved.direct,
         stats: Stats {
             points: scene.cloud.len(),
             surfels: surfels.len(),
@@ -213,7 +217,8 @@ pub fn illuminate(
                 visibility: tests,
                 solve: solved.seconds - checks,
                 checks,
-                links: (rest - tests - solved.seconds).max(0.0),
+                verification: solved.verification,
+                links: (rest - tests - solved.seconds - solved.verification).max(0.0),
                 ..Seconds::default()
             },
             links: solved.links,

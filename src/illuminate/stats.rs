@@ -25,6 +25,8 @@ pub struct Seconds {
     pub solve: f64,
     /// Checking the operator.
     pub checks: f64,
+    /// Measuring the error, with its segments.
+    pub verification: f64,
     /// Writing the files.
     pub write: f64,
     /// From start to end.
@@ -83,4 +85,12 @@ pub struct Stats {
     pub error: Option<Verified>,
     /// What was repaired or left out, in words with counts.
     pub repairs: Vec<String>,
+}
+
+impl Stats {
+    /// Whether the measured error is within the tolerance. Nothing is promised by the other methods
+    /// than fmm: rays have a limit of their own, which is not quite that of the points.
+    pub fn met(&self) -> bool {
+        self.method != Method::Fmm || self.error.is_none_or(|error| error.met)
+    }
 }

@@ -46,6 +46,8 @@ pub(super) struct Task<'a> {
 #[derive(Default)]
 pub(super) struct Solved {
     pub irradiance: Vec<DVec3>,
+    /// The part of it straight from lights, where it was found apart.
+    pub direct: Vec<DVec3>,
     pub ended: Ended,
     pub checked: Option<Checked>,
     pub verified: Option<Verified>,
@@ -53,6 +55,8 @@ pub(super) struct Solved {
     pub rays: Option<Rays>,
     /// Seconds of the solver, with those of the checks.
     pub seconds: f64,
+    /// Seconds of all verifications.
+    pub verification: f64,
     /// Seconds of tests of other kinds than segments.
     pub tests: f64,
 }
@@ -243,6 +247,7 @@ impl Solved {
     /// Light straight from the lights is all there is.
     pub(super) fn without_reflection(irradiance: Vec<DVec3>) -> Solved {
         Solved {
+            direct: irradiance.clone(),
             irradiance,
             ended: Ended {
                 converged: true,

@@ -149,8 +149,14 @@ impl<'a> Sampler<'a> {
             }
             let facet = &self.octree.facets[f as usize];
             let distance = facet.centre.distance(self.surface.positions[i]);
-            if facet.is_leaf() || facet.radius <= OPENING * distance {
+            if facet.radius <= OPENING * distance && facet.reach <= OPENING * distance {
                 items.push((f, weight));
+            } else if facet.is_leaf() {
+                // Nearby, where bounds are worth little, what it does bring.
+                let light = self.of_leaf(i, f).map(|(_, _, light)| light).sum();
+                if light > 0.0 {
+                    items.push((f, light));
+                }
             } else {
                 stack.extend(facet.children().rev());
             }
@@ -222,12 +228,7 @@ impl<'a> Sampler<'a> {
         expected: f64,
         drawn: &mut Vec<Drawn>,
     ) {
-        let brings = |j: usize| {
-            let form_factor = f64::from(self.surface.form_factor(i, j));
-            (j, form_factor, form_factor * self.radiosity[j].element_sum())
-        };
-        let sources = self.octree.facets[f as usize].surfels().map(brings);
-        let sources = sources.filter(|&(_, _, light)| light > 0.0);
+        let sources = self.of_leaf(i, f);
         let total: f64 = sources.clone().map(|(_, _, light)| light).sum();
         for place in places {
             let mut left = place * total;
@@ -247,6 +248,17 @@ impl<'a> Sampler<'a> {
                 });
             }
         }
+    }
+
+    /// The surfels of a leaf that bring light, with their form factors and what they bring if nothing
+    /// is in the way, all colours together.
+    fn of_leaf(&self, i: usize, f: u32) -> impl Iterator<Item = (usize, f64, f64)> + Clone {
+        let brings = move |j: usize| {
+            let form_factor = f64::from(self.surface.form_factor(i, j));
+            (j, form_factor, form_factor * self.radiosity[j].element_sum())
+        };
+        let sources = self.octree.facets[f as usize].surfels().map(brings);
+        sources.filter(|&(_, _, light)| light > 0.0)
     }
 
     /// What a facet may bring to a receiver, about: its radiosity times the form factor of a disc as
