@@ -53,9 +53,9 @@ fn main() -> Result<()> {
     }
     println!(
         "| scene | points | asked | met | measured, in all | exact | measured, reflected | exact | \
-         dense: in all, reflected | segments a point | seconds | verified in |"
+         dense: in all, reflected | segments a point | seconds | verified in | model |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for &points in &sizes {
         for name in SCENES {
             if !scenes.is_empty() && !scenes.iter().any(|s| s == name) {
@@ -102,6 +102,7 @@ fn rows(name: &str, scene: &Scene, tolerances: &[f64]) -> Result<()> {
         let options = Options {
             method: Method::Fmm,
             tolerance: Some(tolerance),
+            below_model: true,
             seed: 1,
             ..Options::default()
         };
@@ -119,7 +120,7 @@ fn rows(name: &str, scene: &Scene, tolerances: &[f64]) -> Result<()> {
             format!("{value:.2}% ({low:.2} to {high:.2})")
         };
         println!(
-            "| {name} | {} | {} | {} | {} | {} | {} | {} | {dense} | {} | {seconds:.1} | {:.0}% |",
+            "| {name} | {} | {} | {} | {} | {} | {} | {} | {dense} | {} | {seconds:.1} | {:.0}% | {} |",
             lit.stats.points,
             percent(tolerance),
             if error.met { "yes" } else { "no" },
@@ -129,6 +130,7 @@ fn rows(name: &str, scene: &Scene, tolerances: &[f64]) -> Result<()> {
             percent(reflected),
             lit.stats.segments / lit.stats.surfels as u64,
             100.0 * lit.stats.seconds.verification / seconds,
+            lit.stats.model_error.map_or("".into(), percent),
         );
     }
     Ok(())

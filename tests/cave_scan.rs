@@ -76,6 +76,7 @@ fn links_agree_with_exact_sums() {
         order: None,
         max_bounces: None,
         rays: None,
+        below_model: false,
         seed: 0,
     };
     let began = Instant::now();

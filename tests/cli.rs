@@ -545,7 +545,7 @@ fn a_solve_that_does_not_converge_is_written_with_code_4() {
 #[test]
 fn a_tolerance_that_is_missed_is_told_with_code_4() {
     let folder = folder();
-    let porch = "points = 1500\nsky = [1, 1, 1]\n[[shape]]\nbox = { centre = [0, 0, 0], size = \
+    let porch = "points = 400\nsky = [1, 1, 1]\n[[shape]]\nbox = { centre = [0, 0, 0], size = \
                  [1, 1, 2], inward = true, open = ['front'] }\n";
     fs::write(folder.path().join("porch.toml"), porch).unwrap();
     let solve = |tolerance| {

@@ -150,6 +150,7 @@ fn a_map_is_that_of_the_cpu() {
         order: None,
         max_bounces: None,
         rays: None,
+        below_model: false,
         seed: 1,
     };
     let on_device = Backend::Gpu {

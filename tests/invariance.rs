@@ -40,6 +40,7 @@ fn solve(scene: &Scene, method: Method, occlusion: Occlusion) -> Vec<Vec3> {
         order: None,
         max_bounces: None,
         rays: None,
+        below_model: false,
         seed: 1,
     };
     let result = illuminate(scene, &options, Backend::Cpu, &Silent).unwrap();

@@ -34,6 +34,7 @@ fn solve(name: &str, scene: &Scene, method: Method, max_bounces: Option<u32>) ->
         order: None,
         max_bounces,
         rays: None,
+        below_model: false,
         seed: 1,
     };
     let lit = illuminate(scene, &options, Backend::Cpu, &Silent).unwrap();

@@ -34,6 +34,7 @@ fn solve(scene: &Scene, method: Method, max_bounces: Option<u32>) -> Illuminatio
         order: None,
         max_bounces,
         rays: None,
+        below_model: false,
         seed: 1,
     };
     let result = illuminate(scene, &options, Backend::Cpu, &Silent).unwrap();

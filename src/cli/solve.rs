@@ -63,6 +63,9 @@ pub struct Args {
     /// Bounces to follow; 0 is direct light alone [default: until nothing changes]
     #[arg(long, value_name = "N")]
     max_bounces: Option<u32>,
+    /// Refine even where the points themselves allow no such accuracy
+    #[arg(long)]
+    below_model: bool,
     /// Threads to use [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
@@ -204,6 +207,7 @@ impl Args {
             tolerance: self.tolerance,
             order: self.order.map(usize::from),
             max_bounces: self.max_bounces,
+            below_model: self.below_model,
             rays: self.rays,
             seed: self.seed,
         }
@@ -296,6 +300,17 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
             false => ": TOLERANCE NOT MET",
         };
         lines.push(format!("error       {error}{met}"));
+    }
+    if let Some(model) = stats.model_error {
+        let enough = stats.error.map_or(stats.tolerance, |error| error.tolerance);
+        let instead = match enough > stats.tolerance {
+            true => format!(": refined to a third of that, not to {}", stats.tolerance),
+            false => String::new(),
+        };
+        lines.push(format!(
+            "model       so many points are off by {:.1}% or so{instead}",
+            100.0 * model
+        ));
     }
     if let Some(sum) = stats.row_sum {
         lines.push(format!(

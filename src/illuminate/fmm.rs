@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
+use super::model::model_error;
 use super::task::{DirectLight, ROUGH_ERROR, ROUGH_RESIDUAL, Solve, Solved, Task, counts};
 use super::verify::{Claim, Verified, Verifier};
 use super::work::{Bounced, Work};
@@ -19,12 +20,14 @@ const ERROR_A_LINK: f64 = 0.5;
 /// Links are made at most so many times.
 const ROUNDS: u64 = 5;
 /// Part of the segments of a solution that its verification may test.
-const VERIFICATION: f64 = 0.08;
+const VERIFICATION: f64 = 0.06;
 /// Segments that it may test in any case.
 const LEAST_SEGMENTS: u64 = 1 << 16;
 /// The error falls as this power of what a link may be off by: measured are 0.3 to 0.55 with
 /// occlusion. Without, errors are those of expansions.
 const POWER: [f64; 2] = [0.45, 1.0];
+/// Part of the error of the model below which nothing is refined.
+const OF_MODEL: f64 = 1.0 / 3.0;
 /// What a refinement aims at, in units of what would just do.
 const AIM: f64 = 0.9;
 /// Bounds of the factor on what is allowed from one round to the next.
@@ -67,6 +70,7 @@ impl Task<'_> {
         };
         let mut history: Vec<(f64, f64)> = Vec::new();
         let mut best: Option<Solved> = None;
+        let (mut model, mut tolerance) = (None, self.tolerance);
         let mut verification = 0.0;
         for round in 0..ROUNDS {
             let found = match &before {
@@ -92,7 +96,15 @@ impl Task<'_> {
                 Some((links, bounced)) => (Some(links), Some(bounced)),
                 None => (None, None),
             };
-            let verified = self.verify(&direct, bounced, links, budget, round)?;
+            if round == 0 {
+                let clock = Instant::now();
+                model = self.model_error(bounced.map_or(&direct.irradiance, |b| &b.irradiance))?;
+                verification += clock.elapsed().as_secs_f64();
+                if let (Some(model), false) = (model, self.below_model) {
+                    tolerance = tolerance.max(OF_MODEL * model);
+                }
+            }
+            let verified = self.verify(&direct, bounced, links, tolerance, budget, round)?;
             verification += verified.seconds;
             self.progress.note(&format!(
                 "allowed {:.2e}, lights {:.2e}: {} segments a point; {verified}",
@@ -120,7 +132,7 @@ impl Task<'_> {
             let reflected = verified.reflected.map_or(0.0, |r| r.rel_l2.value);
             history.push((effort.links, reflected));
             let last = effort;
-            effort = effort.refined(&verified, &history, self.tolerance, self.visibility.is_open());
+            effort = effort.refined(&verified, &history, self.visibility.is_open());
             if let Some((_, bounced)) = found {
                 before = Some(bounced);
             }
@@ -130,6 +142,7 @@ impl Task<'_> {
         }
         Ok(Solved {
             direct: direct.irradiance,
+            model_error: model,
             seconds,
             verification,
             ..best.unwrap_or_default()
@@ -159,12 +172,26 @@ impl Task<'_> {
         Ok(rough)
     }
 
+    /// What the number of points allows, where something is in the way.
+    fn model_error(&self, irradiance: &[DVec3]) -> Result<Option<f64>> {
+        if self.visibility.is_open() {
+            return Ok(None);
+        }
+        let surfels = self.surfels;
+        let radiosity: Vec<DVec3> = (irradiance.iter().zip(&surfels.reflectance))
+            .zip(&surfels.emission)
+            .map(|((h, r), e)| e.as_dvec3() + r.as_dvec3() * *h)
+            .collect();
+        model_error(self.scene, surfels, irradiance, &radiosity, self.seed)
+    }
+
     /// How far a solution is from the point truth; without links it is light straight from the lights.
     pub(super) fn verify(
         &self,
         direct: &DirectLight,
         bounced: Option<&Bounced>,
         links: Option<&Links>,
+        tolerance: f64,
         budget: u64,
         round: u64,
     ) -> Result<Verified> {
@@ -173,7 +200,7 @@ impl Task<'_> {
             octree: self.octree,
             visibility: self.visibility.inner(),
             sky: self.scene.sky,
-            tolerance: self.tolerance,
+            tolerance,
             seed: self.seed,
         };
         let dark = vec![DVec3::ZERO; self.surfels.len()];
@@ -206,12 +233,11 @@ impl Effort {
         self,
         verified: &Verified,
         history: &[(f64, f64)],
-        tolerance: f64,
         open: bool,
     ) -> Effort {
         let mut next = self;
         // How much smaller an error has to be, so that its upper bound, too, is within the tolerance.
-        let too_large = |error: super::Interval| error.high / (AIM * tolerance);
+        let too_large = |error: super::Interval| error.high / (AIM * verified.tolerance);
         let of_links = verified.reflected.map_or(0.0, |r| too_large(r.rel_l2));
         let of_all = too_large(verified.total.rel_l2);
         let direct = verified.direct.value / verified.total.rel_l2.value.max(f64::MIN_POSITIVE);

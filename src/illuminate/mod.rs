@@ -3,6 +3,7 @@
 mod amplified;
 pub mod checks;
 mod fmm;
+mod model;
 mod quantiles;
 mod rays;
 pub mod stats;
@@ -80,6 +81,9 @@ pub struct Options {
     /// Rays from each surfel with the method `Gather`, rounded up to a power of two; `None` casts as
     /// many as the tolerance needs.
     pub rays: Option<u32>,
+    /// Refine until the tolerance is met even where the points allow no such accuracy: otherwise a
+    /// third of the estimated error of the model is enough.
+    pub below_model: bool,
     /// Seed of all samples: the same seed gives the same bits.
     pub seed: u64,
 }
@@ -161,6 +165,7 @@ pub fn illuminate(
         tolerance,
         order,
         max_bounces: options.max_bounces,
+        below_model: options.below_model,
         seed: options.seed,
         progress,
     };
@@ -229,6 +234,7 @@ pub fn illuminate(
             row_sum: solved.checked.map(|c| c.row_sum),
             checks: solved.checked.map(|c| c.checks),
             error: solved.verified,
+            model_error: solved.model_error,
             repairs,
         },
         surfels,

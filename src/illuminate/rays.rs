@@ -117,7 +117,14 @@ impl Task<'_> {
         solving += clock.elapsed().as_secs_f64();
         let segments = u64::from(found.rays) * self.surfels.len() as u64;
         let links = Some(&found.links);
-        let verified = self.verify(&direct, Some(&bounced), links, budget(segments), 0)?;
+        let verified = self.verify(
+            &direct,
+            Some(&bounced),
+            links,
+            self.tolerance,
+            budget(segments),
+            0,
+        )?;
         let mut ended = bounced.ended;
         ended.converged &= wanted.is_some() || found.standard_error <= self.tolerance;
         Ok(Solved {

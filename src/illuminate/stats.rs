@@ -83,6 +83,9 @@ pub struct Stats {
     pub checks: Option<Checks>,
     /// The error of the irradiance, measured; `None` where it is exact or cannot be.
     pub error: Option<Verified>,
+    /// What the number of points itself allows, whatever the tolerance: estimated relative L2 error of
+    /// the irradiance against the true surface.
+    pub model_error: Option<f64>,
     /// What was repaired or left out, in words with counts.
     pub repairs: Vec<String>,
 }

@@ -38,6 +38,8 @@ pub(super) struct Task<'a> {
     /// Largest order of the expansions.
     pub order: usize,
     pub max_bounces: Option<u32>,
+    /// Whether the tolerance counts however little the points allow.
+    pub below_model: bool,
     pub seed: u64,
     pub progress: &'a dyn Progress,
 }
@@ -51,6 +53,7 @@ pub(super) struct Solved {
     pub ended: Ended,
     pub checked: Option<Checked>,
     pub verified: Option<Verified>,
+    pub model_error: Option<f64>,
     pub links: BTreeMap<String, u64>,
     pub rays: Option<Rays>,
     /// Seconds of the solver, with those of the checks.
