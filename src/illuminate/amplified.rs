@@ -14,6 +14,8 @@ use crate::solve::{Stop, solve};
 /// Solves of the error's equation, each with three channels, of which the first two carry the two
 /// estimates of the error and the others draws of what it would be by chance.
 const SOLVES: u64 = 2;
+/// Mean square, in units of that of the errors, up to which one draw is enough.
+const NEGLIGIBLE: f64 = 0.1;
 
 /// The part G r = F (I - ρF)⁻¹ ρ r of an error that light carries on from where it was made: |r + G r|²
 /// is |r|² + 2 r·G r + |G r|². Grey: means of the channels.
@@ -85,6 +87,10 @@ pub(super) fn amplified<O: TransportOperator>(
             for (c, carried) in amplified.carried.iter_mut().enumerate() {
                 let at = receivers.iter().map(|&i| unit * arrived[i as usize][c]);
                 *carried = at.collect();
+            }
+            // One draw will do where it hardly counts.
+            if chance.z < NEGLIGIBLE * unit * unit {
+                break;
             }
         } else {
             chances.extend([chance.x, chance.y]);

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
-use super::model::model_error;
+use super::model::{Lit, model_error};
 use super::task::{DirectLight, ROUGH_ERROR, ROUGH_RESIDUAL, Solve, Solved, Task, counts};
 use super::verify::{Claim, Verified, Verifier};
 use super::work::{Bounced, Work};
@@ -96,16 +96,18 @@ impl Task<'_> {
                 Some((links, bounced)) => (Some(links), Some(bounced)),
                 None => (None, None),
             };
+            let mut verified = self.verify(&direct, bounced, links, tolerance, budget, round)?;
+            verification += verified.seconds;
             if round == 0 {
                 let clock = Instant::now();
-                model = self.model_error(bounced.map_or(&direct.irradiance, |b| &b.irradiance))?;
+                let irradiance = bounced.map_or(&direct.irradiance, |b| &b.irradiance);
+                model = self.model_error(irradiance, verified.total.one_bounce.value)?;
                 verification += clock.elapsed().as_secs_f64();
                 if let (Some(model), false) = (model, self.below_model) {
                     tolerance = tolerance.max(OF_MODEL * model);
+                    verified.judge_by(tolerance);
                 }
             }
-            let verified = self.verify(&direct, bounced, links, tolerance, budget, round)?;
-            verification += verified.seconds;
             self.progress.note(&format!(
                 "allowed {:.2e}, lights {:.2e}: {} segments a point; {verified}",
                 effort.links,
@@ -172,8 +174,8 @@ impl Task<'_> {
         Ok(rough)
     }
 
-    /// What the number of points allows, where something is in the way.
-    fn model_error(&self, irradiance: &[DVec3]) -> Result<Option<f64>> {
+    /// What the number of points allows, where something is in the way: `error` is that of the irradiance.
+    fn model_error(&self, irradiance: &[DVec3], error: f64) -> Result<Option<f64>> {
         if self.visibility.is_open() {
             return Ok(None);
         }
@@ -182,7 +184,14 @@ impl Task<'_> {
             .zip(&surfels.emission)
             .map(|((h, r), e)| e.as_dvec3() + r.as_dvec3() * *h)
             .collect();
-        model_error(self.scene, surfels, irradiance, &radiosity, self.seed)
+        let lit = Lit {
+            scene: self.scene,
+            surfels,
+            irradiance,
+            radiosity: &radiosity,
+            seed: self.seed,
+        };
+        model_error(&lit, error)
     }
 
     /// How far a solution is from the point truth; without links it is light straight from the lights.

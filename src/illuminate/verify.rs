@@ -78,6 +78,12 @@ impl Verified {
         let reflected = self.reflected.map_or(0.0, |part| part.rel_l2.high);
         self.total.rel_l2.high.max(reflected)
     }
+
+    /// Takes a tolerance as what was asked for.
+    pub(super) fn judge_by(&mut self, tolerance: f64) {
+        self.tolerance = tolerance;
+        self.met = self.bound() <= tolerance;
+    }
 }
 
 impl fmt::Display for Verified {
@@ -474,7 +480,7 @@ impl Verifier<'_> {
             reflected: reflected.then(|| errors(Part::Reflected)),
             seconds: measured.start.elapsed().as_secs_f64(),
         };
-        verified.met = verified.bound() <= self.tolerance;
+        verified.judge_by(self.tolerance);
         Ok(verified)
     }
 

@@ -202,23 +202,6 @@ impl Surfels {
         self.positions[i] - self.normals[i] * self.depths[i]
     }
 
-    /// Adds some surfels of another cloud behind the own ones.
-    pub(crate) fn append(&mut self, other: &Surfels, some: &[usize]) {
-        let shift = (other.origin - self.origin).as_vec3();
-        for &i in some {
-            self.positions.push(other.positions[i] + shift);
-            self.normals.push(other.normals[i]);
-            self.areas.push(other.areas[i]);
-            self.reflectance.push(other.reflectance[i]);
-            self.emission.push(other.emission[i]);
-            self.cells.tangents.push(other.cells.tangents[i]);
-            self.cells.corners.push(other.cells.corners[i]);
-            self.offsets.push(other.offsets[i]);
-            self.depths.push(other.depths[i]);
-            self.points.push(other.points[i]);
-        }
-    }
-
     /// The same surfels in another order: entry k of the result is entry `order[k]`.
     pub fn reordered(&self, order: &[u32]) -> Surfels {
         fn pick<T: Copy + Send + Sync>(from: &[T], order: &[u32]) -> Vec<T> {
