@@ -38,11 +38,11 @@ fn main() -> Result<()> {
         .skip(1)
         .partition(|a| a.parse::<usize>().is_ok());
     let mut sizes: Vec<usize> = sizes.iter().filter_map(|a| a.parse().ok()).collect();
-    let (tolerances, others): (Vec<String>, Vec<String>) = others
+    let (tolerances, others): (Vec<String>, Vec<String>) =
+        others.into_iter().partition(|a| a.parse::<f64>().is_ok());
+    let (scenes, scans): (Vec<String>, Vec<String>) = others
         .into_iter()
-        .partition(|a| a.parse::<f64>().is_ok());
-    let (scenes, scans): (Vec<String>, Vec<String>) =
-        others.into_iter().partition(|a| SCENES.contains(&a.as_str()));
+        .partition(|a| SCENES.contains(&a.as_str()));
     let mut tolerances: Vec<f64> = tolerances.iter().filter_map(|a| a.parse().ok()).collect();
     if tolerances.is_empty() {
         tolerances = TOLERANCES.into();
@@ -147,7 +147,9 @@ fn against_exact_sums(scene: &Scene, lit: &Illumination) -> Result<[f64; 2]> {
     let n = surfels.len();
     let occluders = Occluders::build(surfels);
     let visibility = CpuVisibility::<f64>::new(&occluders);
-    let chosen: Vec<usize> = (0..RECEIVERS).map(|k| (2 * k + 1) * n / (2 * RECEIVERS)).collect();
+    let chosen: Vec<usize> = (0..RECEIVERS)
+        .map(|k| (2 * k + 1) * n / (2 * RECEIVERS))
+        .collect();
     let irradiance: Vec<DVec3> = surfels
         .points
         .iter()

@@ -37,7 +37,11 @@ fn solve(scene: &Scene, method: Method, tolerance: f64, max_bounces: Option<u32>
 
 /// |a - b| / |b|
 fn relative(a: &[DVec3], b: &[DVec3]) -> f64 {
-    let error: f64 = a.iter().zip(b).map(|(a, b)| (*a - *b).length_squared()).sum();
+    let error: f64 = a
+        .iter()
+        .zip(b)
+        .map(|(a, b)| (*a - *b).length_squared())
+        .sum();
     (error / b.iter().map(|b| b.length_squared()).sum::<f64>()).sqrt()
 }
 
@@ -153,7 +157,9 @@ impl Case {
         };
         let measured = verifier.measure(&claim, budget, 0, &Silent).unwrap();
         let operator = Some(operator);
-        verifier.judge(&claim, &measured, operator, None, &Silent).unwrap()
+        verifier
+            .judge(&claim, &measured, operator, None, &Silent)
+            .unwrap()
     }
 
     fn operator(&self) -> Direct {
@@ -222,10 +228,19 @@ fn spoiled_solutions_are_found_out() {
     let size = |f: &&fmmgi_gpu::octree::Facet| (60..200).contains(&f.len());
     let facets: Vec<_> = case.octree.facets.iter().filter(size).collect();
     let level = |f: &fmmgi_gpu::octree::Facet| {
-        f.surfels().map(|i| case.irradiance[i].element_sum()).sum::<f64>() / f.len() as f64
+        f.surfels()
+            .map(|i| case.irradiance[i].element_sum())
+            .sum::<f64>()
+            / f.len() as f64
     };
-    let bright = facets.iter().max_by(|a, b| level(a).total_cmp(&level(b))).unwrap();
-    let dark = facets.iter().min_by(|a, b| level(a).total_cmp(&level(b))).unwrap();
+    let bright = facets
+        .iter()
+        .max_by(|a, b| level(a).total_cmp(&level(b)))
+        .unwrap();
+    let dark = facets
+        .iter()
+        .min_by(|a, b| level(a).total_cmp(&level(b)))
+        .unwrap();
     for (i, j) in bright.surfels().zip(dark.surfels()) {
         case.irradiance.swap(i, j);
     }
@@ -275,7 +290,9 @@ fn threads_change_nothing() {
     let scene = scene("cornell", 2000);
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        let lit = pool.unwrap().install(|| solve(&scene, Method::Fmm, 0.03, None));
+        let lit = pool
+            .unwrap()
+            .install(|| solve(&scene, Method::Fmm, 0.03, None));
         let error = Verified {
             seconds: 0.0,
             ..lit.stats.error.unwrap()

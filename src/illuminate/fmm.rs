@@ -70,54 +70,37 @@ impl Task<'_> {
         };
         let mut history: Vec<(f64, f64)> = Vec::new();
         let mut best: Option<Solved> = None;
-        let (mut model, mut tolerance) = (None, self.tolerance);
         let mut verification = 0.0;
         for round in 0..ROUNDS {
-            let found = match &before {
-                None => Ok(None),
-                Some(before) => {
-                    let irradiance = Some(before.irradiance.as_slice());
-                    let accuracy = self.accuracy(&before.reflected, irradiance, effort.links);
-                    let start = Some(before.reflected.as_slice());
-                    run(&accuracy, &self.work(&direct.irradiance, start, self.stop())).map(Some)
-                }
-            };
-            let found = match (found, best.take()) {
-                (Err(Error::TooLarge(why)), Some(last)) => {
+            let found = before.as_ref().map(|before| {
+                let irradiance = Some(before.irradiance.as_slice());
+                let accuracy = self.accuracy(&before.reflected, irradiance, effort.links);
+                let start = Some(before.reflected.as_slice());
+                run(
+                    &accuracy,
+                    &self.work(&direct.irradiance, start, self.stop()),
+                )
+            });
+            let found = match (found.transpose(), &best) {
+                (Err(Error::TooLarge(why)), Some(_)) => {
                     self.progress.note(&format!("no further refinement: {why}"));
-                    best = Some(last);
                     break;
                 }
                 (found, _) => found?,
             };
-            let spent = self.visibility.segments();
-            let budget = budget(spent);
-            let (links, bounced) = match &found {
-                Some((links, bounced)) => (Some(links), Some(bounced)),
-                None => (None, None),
-            };
-            let mut verified = self.verify(&direct, bounced, links, tolerance, budget, round)?;
-            verification += verified.seconds;
-            if round == 0 {
-                let clock = Instant::now();
-                let irradiance = bounced.map_or(&direct.irradiance, |b| &b.irradiance);
-                model = self.model_error(irradiance, verified.total.one_bounce.value)?;
-                verification += clock.elapsed().as_secs_f64();
-                if let (Some(model), false) = (model, self.below_model) {
-                    tolerance = tolerance.max(OF_MODEL * model);
-                    verified.judge_by(tolerance);
-                }
-            }
+            let clock = Instant::now();
+            let found = found.as_ref().map(|(links, bounced)| (links, bounced));
+            let model = best.as_ref().and_then(|last| last.model_error);
+            let (verified, model) = self.verify_round(&direct, found, model, round)?;
+            verification += clock.elapsed().as_secs_f64();
             self.progress.note(&format!(
-                "allowed {:.2e}, lights {:.2e}: {} segments a point; {verified}",
-                effort.links,
-                effort.lights,
-                spent / self.surfels.len() as u64
+                "links within {:.1e}, lights within {:.1e}: {verified}",
+                effort.links, effort.lights
             ));
-            let met = verified.met;
-            let mut solved = match &found {
+            let solved = match found {
                 None => Solved::without_reflection(direct.irradiance.clone()),
                 Some((links, bounced)) => Solved {
+                    direct: direct.irradiance.clone(),
                     irradiance: bounced.irradiance.clone(),
                     ended: bounced.ended,
                     checked: bounced.checked,
@@ -126,29 +109,51 @@ impl Task<'_> {
                 },
             };
             let ended = solved.ended;
-            solved.verified = Some(verified);
-            best = Some(solved);
-            if met || round + 1 == ROUNDS || !ended.converged {
+            best = Some(Solved {
+                verified: Some(verified),
+                model_error: model,
+                ..solved
+            });
+            if verified.met || !ended.converged || round + 1 == ROUNDS {
                 break;
             }
             let reflected = verified.reflected.map_or(0.0, |r| r.rel_l2.value);
             history.push((effort.links, reflected));
             let last = effort;
             effort = effort.refined(&verified, &history, self.visibility.is_open());
-            if let Some((_, bounced)) = found {
-                before = Some(bounced);
-            }
+            before = found.map(|(_, bounced)| bounced.clone());
             if effort.lights < last.lights {
                 direct = self.direct_light(effort.lights, &mut Vec::new())?;
             }
         }
         Ok(Solved {
-            direct: direct.irradiance,
-            model_error: model,
             seconds,
             verification,
             ..best.unwrap_or_default()
         })
+    }
+
+    /// The error of a round, and that of the model, which the first round finds out.
+    fn verify_round(
+        &self,
+        direct: &DirectLight,
+        found: Option<(&Links, &Bounced)>,
+        model: Option<f64>,
+        round: u64,
+    ) -> Result<(Verified, Option<f64>)> {
+        let budget = budget(self.visibility.segments());
+        let mut verified = self.verify(direct, found, budget, round)?;
+        let model = match round {
+            0 => {
+                let irradiance = found.map_or(&direct.irradiance, |(_, b)| &b.irradiance);
+                self.model_error(irradiance, verified.total.one_bounce.value)?
+            }
+            _ => model,
+        };
+        if let (Some(model), false) = (model, self.below_model) {
+            verified.judge_by(self.tolerance.max(OF_MODEL * model));
+        }
+        Ok((verified, model))
     }
 
     /// A first solution by rough links.
@@ -198,9 +203,7 @@ impl Task<'_> {
     pub(super) fn verify(
         &self,
         direct: &DirectLight,
-        bounced: Option<&Bounced>,
-        links: Option<&Links>,
-        tolerance: f64,
+        found: Option<(&Links, &Bounced)>,
         budget: u64,
         round: u64,
     ) -> Result<Verified> {
@@ -209,9 +212,10 @@ impl Task<'_> {
             octree: self.octree,
             visibility: self.visibility.inner(),
             sky: self.scene.sky,
-            tolerance,
+            tolerance: self.tolerance,
             seed: self.seed,
         };
+        let bounced = found.map(|(_, bounced)| bounced);
         let dark = vec![DVec3::ZERO; self.surfels.len()];
         let claim = Claim {
             irradiance: bounced.map_or(&direct.irradiance, |b| &b.irradiance),
@@ -224,7 +228,7 @@ impl Task<'_> {
             },
         };
         let measured = verifier.measure(&claim, budget, round, self.progress)?;
-        let operator = links.map(|links| Fmm::<f32>::new(self.surfels, self.octree, links));
+        let operator = found.map(|(links, _)| Fmm::<f32>::new(self.surfels, self.octree, links));
         let bounces = self.max_bounces.map(|bounces| bounces.saturating_sub(1));
         verifier.judge(&claim, &measured, operator.as_ref(), bounces, self.progress)
     }
@@ -238,12 +242,7 @@ pub(super) fn budget(segments: u64) -> u64 {
 impl Effort {
     /// What should meet the tolerance, after rounds that did not: `history` has their allowed errors of
     /// links and the errors that came of them.
-    fn refined(
-        self,
-        verified: &Verified,
-        history: &[(f64, f64)],
-        open: bool,
-    ) -> Effort {
+    fn refined(self, verified: &Verified, history: &[(f64, f64)], open: bool) -> Effort {
         let mut next = self;
         // How much smaller an error has to be, so that its upper bound, too, is within the tolerance.
         let too_large = |error: super::Interval| error.high / (AIM * verified.tolerance);

@@ -18,13 +18,13 @@ use crate::scene::Scene;
 use crate::visibility::{CpuVisibility, Occluders};
 
 /// Points of a part, at most.
-const POINTS: usize = 8000;
+const POINTS: usize = 5000;
 /// Fewest points of a part that say anything.
 const LEAST_POINTS: usize = 200;
 /// Points of each part whose light is compared.
 const PLACES: usize = 200;
 /// Sources that an estimate draws.
-const DRAWS: u32 = 64;
+const DRAWS: u32 = 48;
 /// Directions, squared, in which it looks for the sky.
 const STRATA: usize = 8;
 /// The error falls as this power of the number of points: with their distance.
@@ -69,7 +69,9 @@ pub(super) fn model_error(lit: &Lit, error: f64) -> Result<Option<f64>> {
     }
     let of_both = (square / f64::max(whole, f64::MIN_POSITIVE) - error * error).max(0.0);
     // Errors of few and of all points as if they knew nothing of each other.
-    Ok(Some((of_both / (1.0 + (step as f64).powf(2.0 * POWER))).sqrt()))
+    Ok(Some(
+        (of_both / (1.0 + (step as f64).powf(2.0 * POWER))).sqrt(),
+    ))
 }
 
 /// Some of the points, as if they were the whole cloud.

@@ -116,15 +116,7 @@ impl Task<'_> {
         let bounced = solve(&found.links, &work)?;
         solving += clock.elapsed().as_secs_f64();
         let segments = u64::from(found.rays) * self.surfels.len() as u64;
-        let links = Some(&found.links);
-        let verified = self.verify(
-            &direct,
-            Some(&bounced),
-            links,
-            self.tolerance,
-            budget(segments),
-            0,
-        )?;
+        let verified = self.verify(&direct, Some((&found.links, &bounced)), budget(segments), 0)?;
         let mut ended = bounced.ended;
         ended.converged &= wanted.is_some() || found.standard_error <= self.tolerance;
         Ok(Solved {

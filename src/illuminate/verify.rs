@@ -97,7 +97,10 @@ impl fmt::Display for Verified {
             write!(f, ", {} of reflected light", percent(reflected.rel_l2))?;
         }
         let [p95, max] = [self.total.p95.value, self.total.max].map(|x| 100.0 * x);
-        write!(f, ", 95% of the points within {p95:.1}%, the worst {max:.0}%")?;
+        write!(
+            f,
+            ", 95% of the points within {p95:.1}%, the worst {max:.0}%"
+        )?;
         let bias = 100.0 * self.total.bias.value;
         write!(f, ", bias {bias:+.2}%, by {} points", self.receivers)
     }
@@ -189,7 +192,7 @@ impl Verifier<'_> {
             true => exact_rows.min(RECEIVERS[0]),
             false => {
                 // The noise falls as draws^(-3/4).
-                let draws = DRAWS * (0.03 / self.tolerance).powf(4.0 / 3.0);
+                let draws = DRAWS * (0.03 / self.tolerance).powf(4.0 / 3.0).max(0.7);
                 let all = 2.0 * draws * lights.len().max(1) as f64;
                 let count = (1.0 - AGAIN) * budget as f64 / all;
                 (count as usize).clamp(RECEIVERS[1], RECEIVERS[0])
@@ -492,6 +495,9 @@ impl Verifier<'_> {
         carried: Option<&Amplified>,
     ) -> Errors {
         let (rms, mean) = claim.level(part);
+        if rms == 0.0 {
+            return Errors::default();
+        }
         let [a, b] = measured.off.each_ref().map(|off| part.of(off));
         let squares: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a.dot(*b)).collect();
         let signed: Vec<f64> = (a.iter().zip(&b))

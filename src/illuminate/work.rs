@@ -24,6 +24,7 @@ pub(super) struct Work<'a> {
 }
 
 /// Solution of a [`Work`].
+#[derive(Clone)]
 pub(super) struct Bounced {
     pub irradiance: Vec<DVec3>,
     pub reflected: Vec<DVec3>,

@@ -195,14 +195,7 @@ impl<'a> Sampler<'a> {
     }
 
     /// Draws from a facet at places from 0 to 1; `expected` is the number of draws expected in it.
-    fn descend(
-        &self,
-        i: usize,
-        f: u32,
-        places: &mut [f64],
-        expected: f64,
-        drawn: &mut Vec<Drawn>,
-    ) {
+    fn descend(&self, i: usize, f: u32, places: &mut [f64], expected: f64, drawn: &mut Vec<Drawn>) {
         let facet = &self.octree.facets[f as usize];
         if facet.is_leaf() {
             return self.draw_in_leaf(i, f, places, expected, drawn);
@@ -255,7 +248,11 @@ impl<'a> Sampler<'a> {
     fn of_leaf(&self, i: usize, f: u32) -> impl Iterator<Item = (usize, f64, f64)> + Clone {
         let brings = move |j: usize| {
             let form_factor = f64::from(self.surface.form_factor(i, j));
-            (j, form_factor, form_factor * self.radiosity[j].element_sum())
+            (
+                j,
+                form_factor,
+                form_factor * self.radiosity[j].element_sum(),
+            )
         };
         let sources = self.octree.facets[f as usize].surfels().map(brings);
         sources.filter(|&(_, _, light)| light > 0.0)
