@@ -23,6 +23,10 @@ pub(crate) enum Purpose {
     Buried,
     Errors,
     Mesh,
+    /// Receivers that a solution is verified at, and what is drawn for them.
+    Verify,
+    /// Light of parts of a cloud, whose differences are the error of the model.
+    Model,
 }
 
 /// The stream of one item: a surfel, or a pair of facets in one number.

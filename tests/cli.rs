@@ -540,3 +540,20 @@ fn a_solve_that_does_not_converge_is_written_with_code_4() {
     // Bounces that are asked for are all that is asked for.
     assert_eq!(solve("--max-bounces 2"), (Some(0), true.into(), false));
 }
+
+/// The sky is seen in a few thousand directions at most, which is not as good as this.
+#[test]
+fn a_tolerance_that_is_missed_is_told_with_code_4() {
+    let folder = folder();
+    let porch = "points = 400\nsky = [1, 1, 1]\n[[shape]]\nbox = { centre = [0, 0, 0], size = \
+                 [1, 1, 2], inward = true, open = ['front'] }\n";
+    fs::write(folder.path().join("porch.toml"), porch).unwrap();
+    let solve = |tolerance| {
+        let args = format!("solve porch.toml --method fmm --backend cpu --tolerance {tolerance}");
+        let output = run(folder.path(), &args).get_output().clone();
+        let summary = String::from_utf8_lossy(&output.stdout).into_owned();
+        (output.status.code(), summary.contains("TOLERANCE NOT MET"))
+    };
+    assert_eq!(solve("0.05"), (Some(0), false));
+    assert_eq!(solve("1e-5"), (Some(4), true));
+}

@@ -12,7 +12,7 @@ use fmmgi_gpu::passes::gpu::{Gpu, adapter};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::solve::{Stop, solve};
-use fmmgi_gpu::{Backend, Error, Method, Occlusion, Options, Scene, illuminate};
+use fmmgi_gpu::{Backend, Error, Method, Options, Scene, illuminate};
 use glam::{DVec3, Vec3};
 use wgpu::{Buffer, BufferUsages};
 
@@ -146,12 +146,8 @@ fn a_map_is_that_of_the_cpu() {
     let scene = Scene::load(path.as_ref(), &options, &Silent).unwrap();
     let options = Options {
         method: Method::Fmm,
-        occlusion: Occlusion::Surfels,
-        tolerance: None,
-        order: None,
-        max_bounces: None,
-        rays: None,
         seed: 1,
+        ..Options::default()
     };
     let on_device = Backend::Gpu {
         device: &gpu().device,

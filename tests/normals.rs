@@ -26,6 +26,7 @@ fn built_in(name: &str, points: usize) -> PointCloud {
     let options = SceneOptions {
         points: Some(points),
         seed: 1,
+        ..SceneOptions::default()
     };
     let mut cloud = Scene::load(&path, &options, &Silent).unwrap().cloud;
     cloud.repairs.clear();

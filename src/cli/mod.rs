@@ -23,7 +23,7 @@ use fmmgi_gpu::{Error, Result};
 #[command(
     version,
     after_help = "Exit codes: 0 done; 1 failed; 2 wrong usage; 3 the backend asked \
-    for is not there; 4 done, but not converged (the result is written); 130 interrupted."
+    for is not there; 4 done, but not converged, or the tolerance not met (the result is written); 130 interrupted."
 )]
 struct Cli {
     #[command(subcommand)]

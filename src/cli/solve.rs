@@ -74,6 +74,9 @@ pub struct Args {
     /// Bounces to follow; 0 is direct light alone [default: until nothing changes]
     #[arg(long, value_name = "N")]
     max_bounces: Option<u32>,
+    /// Refine even where the points themselves allow no such accuracy
+    #[arg(long)]
+    below_model: bool,
     /// Threads to use [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
@@ -225,7 +228,7 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     if !args.quiet {
         super::print(&summary(stats, &chosen.describe(), &files))?;
     }
-    Ok(if stats.converged {
+    Ok(if stats.converged && stats.met() {
         Done::Well
     } else {
         Done::NotConverged
@@ -257,6 +260,7 @@ impl Args {
             tolerance: self.tolerance,
             order: self.order.map(usize::from),
             max_bounces: self.max_bounces,
+            below_model: self.below_model,
             rays: self.rays,
             seed: self.seed,
             thinning: Thinning {
@@ -318,7 +322,7 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
         format!("backend     {backend}"),
         format!(
             "time        {:.2} s (load {:.2}, prepare {:.2}, octree {:.2}, links {:.2}, \
-             visibility {:.2}, solve {:.2}, checks {:.2}, write {:.2})",
+             visibility {:.2}, solve {:.2}, checks {:.2}, verification {:.2}, write {:.2})",
             seconds.total,
             seconds.load,
             seconds.prepare,
@@ -327,6 +331,7 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
             seconds.visibility,
             seconds.solve,
             seconds.checks,
+            seconds.verification,
             seconds.write
         ),
         format!(
@@ -344,6 +349,24 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
         lines.push(format!(
             "rays        {rays} from each point, which leave a standard error of {:.2}%",
             100.0 * error
+        ));
+    }
+    if let Some(error) = &stats.error {
+        let met = match stats.met() {
+            true => "",
+            false => ": TOLERANCE NOT MET",
+        };
+        lines.push(format!("error       {error}{met}"));
+    }
+    if let Some(model) = stats.model_error {
+        let enough = stats.error.map_or(stats.tolerance, |error| error.tolerance);
+        let instead = match enough > stats.tolerance {
+            true => format!(": refined to a third of that, not to {}", stats.tolerance),
+            false => String::new(),
+        };
+        lines.push(format!(
+            "model       so many points are off by {:.1}% or so{instead}",
+            100.0 * model
         ));
     }
     if let Some(sum) = stats.row_sum {

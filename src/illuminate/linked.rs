@@ -50,7 +50,7 @@ impl Linked {
 
     /// Makes the links good enough for a light. Without occlusion all are found afresh, which takes
     /// next to no time: no segment is tested.
-    pub fn refine(&mut self, task: &Task, accuracy: &Accuracy) -> Result<()> {
+    pub fn refine(&mut self, task: &Task, accuracy: &Accuracy, slack: f32) -> Result<()> {
         let (surfels, octree, progress) = (task.surfels, task.octree, task.progress);
         let opened = match task.visibility.is_open() {
             true => {
@@ -60,7 +60,7 @@ impl Linked {
             false => {
                 let visibility = task.visibility;
                 let kept = &mut self.kept;
-                kept.refine(surfels, octree, accuracy, visibility, progress)?
+                kept.refine(surfels, octree, accuracy, slack, visibility, progress)?
             }
         };
         if opened > 0 {

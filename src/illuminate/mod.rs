@@ -1,19 +1,27 @@
 //! The main job: scene in, illumination map and what it took out.
 
+mod amplified;
 pub mod checks;
 mod file;
+mod fmm;
 mod geometry;
 mod linked;
+mod model;
 mod options;
+mod quantiles;
 mod rays;
 pub mod stats;
 mod task;
 mod transport;
+pub mod verify;
 mod work;
 
 use std::sync::Arc;
 
+use glam::DVec3;
+
 pub use self::options::{Backend, DEFAULT_TOLERANCE, Method, Occlusion, Options};
+pub use self::quantiles::Interval;
 pub use self::rays::RAYS;
 use self::stats::Stats;
 pub use self::transport::Transport;
@@ -30,6 +38,9 @@ pub struct Illumination {
     pub map: IlluminationMap,
     /// The surfels that the points stood for, in the order of the octree.
     pub surfels: Arc<Surfels>,
+    /// Irradiance of the surfels straight from lights, by the methods fmm and gather, which find it
+    /// apart; otherwise empty.
+    pub direct: Vec<DVec3>,
     /// What it took and how well it went.
     pub stats: Stats,
 }

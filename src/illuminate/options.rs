@@ -57,6 +57,9 @@ pub struct Options {
     /// Rays from each surfel with the method `Gather`, rounded up to a power of two; `None` casts as
     /// many as the tolerance needs.
     pub rays: Option<u32>,
+    /// Refine until the tolerance is met even where the points allow no such accuracy: otherwise a
+    /// third of the estimated error of the model is enough.
+    pub below_model: bool,
     /// Seed of all samples: the same seed gives the same bits.
     pub seed: u64,
     /// Fewer points to do the work with.

@@ -6,6 +6,7 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 use rand::RngExt;
 
+use super::fmm::budget;
 use super::task::{Solve, Solved, Task, counts};
 use super::work::{BOUNCES_INSTEAD, Bounced, Work};
 use crate::error::{Error, Result};
@@ -59,11 +60,12 @@ impl Task<'_> {
         let first = wanted.unwrap_or(FIRST_RAYS).next_power_of_two();
         let check_memory = |rays| memory::check_rays(self.surfels.len(), rays, memory::available());
         check_memory(first)?;
-        let lights = self.direct_light(repairs)?;
+        let direct = self.direct_light(self.tolerance, repairs)?;
+        let lights = &direct.irradiance;
         let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
         let dark = lights.iter().all(|h| *h == DVec3::ZERO);
         if black || dark || self.max_bounces == Some(0) {
-            return Ok(Solved::without_reflection(lights));
+            return Ok(Solved::without_reflection(direct.irradiance));
         }
         let (mut casting, mut solving) = (0.0, 0.0);
         let mut cast = |numbers| {
@@ -79,7 +81,7 @@ impl Task<'_> {
             let more = cast(rays / 2..rays)?;
             let links = self.links_of(links::mean(near, &more, self.progress)?);
             let clock = Instant::now();
-            let work = self.work(&lights, start, self.stop());
+            let work = self.work(lights, start, self.stop());
             let bounced = solve(
                 &links,
                 &Work {
@@ -110,15 +112,20 @@ impl Task<'_> {
             };
         }
         let clock = Instant::now();
-        let work = self.work(&lights, Some(&found.bounced.reflected), self.stop());
+        let work = self.work(lights, Some(&found.bounced.reflected), self.stop());
         let bounced = solve(&found.links, &work)?;
         solving += clock.elapsed().as_secs_f64();
+        let segments = u64::from(found.rays) * self.surfels.len() as u64;
+        let verified = self.verify(&direct, Some((&found.links, &bounced)), budget(segments), 0)?;
         let mut ended = bounced.ended;
         ended.converged &= wanted.is_some() || found.standard_error <= self.tolerance;
         Ok(Solved {
+            direct: direct.irradiance,
             irradiance: bounced.irradiance,
             ended,
             checked: bounced.checked,
+            verification: verified.seconds,
+            verified: Some(verified),
             links: counts(&found.links),
             rays: Some(Rays {
                 count: found.rays,

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::Method;
 use super::checks::Checks;
+use super::verify::Verified;
 
 /// Seconds spent, by stage.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -24,6 +25,8 @@ pub struct Seconds {
     pub solve: f64,
     /// Checking the operator.
     pub checks: f64,
+    /// Measuring the error, with its segments.
+    pub verification: f64,
     /// Writing the files.
     pub write: f64,
     /// From start to end.
@@ -78,6 +81,19 @@ pub struct Stats {
     pub row_sum: Option<RowSum>,
     /// What physics asks of the operator: how far it is off.
     pub checks: Option<Checks>,
+    /// The error of the irradiance, measured; `None` where it is exact or cannot be.
+    pub error: Option<Verified>,
+    /// What the number of points itself allows, whatever the tolerance: estimated relative L2 error of
+    /// the irradiance against the true surface.
+    pub model_error: Option<f64>,
     /// What was repaired or left out, in words with counts.
     pub repairs: Vec<String>,
+}
+
+impl Stats {
+    /// Whether the measured error is within the tolerance. Nothing is promised by the other methods
+    /// than fmm: rays have a limit of their own, which is not quite that of the points.
+    pub fn met(&self) -> bool {
+        self.method != Method::Fmm || self.error.is_none_or(|error| error.met)
+    }
 }

@@ -164,6 +164,7 @@ impl Transport {
             tolerance,
             order: geometry.order,
             max_bounces: self.options.max_bounces,
+            below_model: self.options.below_model,
             seed: self.options.seed,
             progress,
         };
@@ -174,7 +175,7 @@ impl Transport {
         };
         let tests = visibility.seconds() + solved.tests + solved.rays.map_or(0.0, |r| r.seconds);
         let checks = solved.checked.map_or(0.0, |c| c.seconds);
-        let rest = start.elapsed().as_secs_f64() - tests - solved.seconds;
+        let rest = start.elapsed().as_secs_f64() - tests - solved.seconds - solved.verification;
         let expanded = matches!(self.method, Method::Fmm | Method::Classic);
         let adapter = self.device.as_ref().map(|d| d.adapter.clone());
         let stats = Stats {
@@ -192,6 +193,7 @@ impl Transport {
                 visibility: tests,
                 solve: solved.seconds - checks,
                 checks,
+                verification: solved.verification,
                 links: rest.max(0.0),
                 ..std::mem::take(&mut self.prepared)
             },
@@ -202,11 +204,14 @@ impl Transport {
             peak_memory_bytes: None,
             row_sum: solved.checked.map(|c| c.row_sum),
             checks: solved.checked.map(|c| c.checks),
+            error: solved.verified,
+            model_error: solved.model_error,
             repairs,
         };
         Ok(Illumination {
             map: geometry.map(&scene.cloud, &solved.irradiance),
             surfels: geometry.surfels.clone(),
+            direct: solved.direct,
             stats,
         })
     }

@@ -24,9 +24,13 @@ pub(super) struct Work<'a> {
 }
 
 /// Solution of a [`Work`].
+#[derive(Clone)]
 pub(super) struct Bounced {
     pub irradiance: Vec<DVec3>,
     pub reflected: Vec<DVec3>,
+    /// Reflected radiosity that the irradiance was made of: after a number of bounces that of one
+    /// bounce less, otherwise the same but for the residual.
+    pub sent: Vec<DVec3>,
     pub ended: Ended,
     pub checked: Option<Checked>,
 }
@@ -62,14 +66,16 @@ impl Work<'_> {
             }
             ended.converged = false;
         }
+        let mut sent = operator.fields().download(&reflected)?;
         let check = |(visibility, seed)| {
             let last = Bounce {
-                radiosity: &operator.fields().download(&reflected)?,
+                radiosity: &sent,
                 irradiance: &arrived,
             };
             check(operator, self.surfels, &last, visibility, seed, progress)
         };
         let checked = self.checked.map(check).transpose()?;
+        sent.iter_mut().for_each(|b| *b *= unit);
         // Expansions may leave a little less than nothing.
         let irradiance: Vec<DVec3> = (arrived.iter().zip(self.lights))
             .map(|(h, light)| (*h * unit + *light).max(DVec3::ZERO))
@@ -79,6 +85,7 @@ impl Work<'_> {
                 .map(|(h, r)| *h * r)
                 .collect(),
             irradiance,
+            sent,
             ended,
             checked,
         })

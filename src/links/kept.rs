@@ -12,11 +12,11 @@ use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::visibility::Visibility;
 
-/// What counts as no more. Rough solutions know a demand about that well. The light of a lamp that moved
+/// What counts as no more, for another light. Rough solutions know a demand about that well. The light of a lamp that moved
 /// is measured to be off no more than that of links made for it (`cargo bench --bench relight`): at
 /// cornell's ceiling 1.8% as before, in its corner 2.0% instead of 2.2%, from room to room 1.6% instead
 /// of 1.5%.
-const SLACK: f32 = 2.0;
+pub const SLACK: f32 = 2.0;
 
 /// Links with tested visibility, what each of them was made for, and what has none.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,25 +53,26 @@ impl Kept {
         self.left_out.sources == [0] && self.left_out.weights == [0.0]
     }
 
-    /// Opens again what does not meet the demands of a light, and finds the links below. Returns how
-    /// many pairs of facets that were.
+    /// Opens again what a light demands more of than `slack` times what it was made for, and finds the
+    /// links below. Returns how many pairs of facets that were.
     pub fn refine(
         &mut self,
         surfels: &Surfels,
         octree: &Octree,
         accuracy: &Accuracy,
+        slack: f32,
         visibility: &dyn Visibility,
         progress: &dyn Progress,
     ) -> Result<usize> {
         let demand = |pair| accuracy.demand(pair);
         let mut opened = Vec::new();
         for (rows, demands) in self.links.m2l.iter_mut().zip(&mut self.m2l) {
-            take_out(rows, demands, &mut opened, demand);
+            take_out(rows, demands, &mut opened, slack, demand);
         }
         let Links { sampled, .. } = &mut self.links;
-        take_out(sampled, &mut self.sampled, &mut opened, demand);
+        take_out(sampled, &mut self.sampled, &mut opened, slack, demand);
         let mut demands = self.left_out.weights.clone();
-        take_out(&mut self.left_out, &mut demands, &mut opened, demand);
+        take_out(&mut self.left_out, &mut demands, &mut opened, slack, demand);
         if opened.is_empty() {
             return Ok(0);
         }
@@ -126,6 +127,7 @@ fn take_out(
     rows: &mut Rows,
     demands: &mut Vec<f32>,
     opened: &mut Vec<[u32; 2]>,
+    slack: f32,
     demand: impl Fn([u32; 2]) -> f32,
 ) {
     let pairs: Vec<[u32; 2]> = rows
@@ -133,7 +135,7 @@ fn take_out(
         .zip(&rows.sources)
         .map(|(t, &s)| [t, s])
         .collect();
-    let stays = |k: usize| demand(pairs[k]) <= SLACK * demands[k];
+    let stays = |k: usize| demand(pairs[k]) <= slack * demands[k];
     let before = opened.len();
     opened.extend((0..pairs.len()).filter(|&k| !stays(k)).map(|k| pairs[k]));
     if opened.len() == before {

@@ -23,7 +23,7 @@ pub use csr::{Entry, Rows};
 pub use dual::{Mac, THETA, Verdict, dual};
 pub use facing::{CLAMPED, Cosines, Facing};
 pub use gather::{gather, mean};
-pub use kept::Kept;
+pub use kept::{Kept, SLACK};
 pub use open::build_open;
 pub use spans::Span;
 pub use walk::Interaction;

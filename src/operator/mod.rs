@@ -8,6 +8,7 @@ mod fmm;
 mod gpu;
 mod gpu_fields;
 mod hausner;
+mod sampled;
 
 pub use all_pairs::AllPairs;
 pub use direct::{Direct, exact_irradiance};
@@ -16,6 +17,7 @@ pub use fmm::Fmm;
 pub use gpu::GpuFmm;
 pub use gpu_fields::GpuFields;
 pub use hausner::Hausner;
+pub use sampled::{Draw, Sampler};
 
 use crate::error::Result;
 

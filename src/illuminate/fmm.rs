@@ -1,0 +1,276 @@
+//! The way by links: made, verified, and refined until the tolerance is met.
+
+use std::time::Instant;
+
+use glam::{DVec3, Vec3};
+
+use super::linked::Linked;
+use super::model::{Lit, model_error};
+use super::task::{DirectLight, ROUGH_ERROR, ROUGH_RESIDUAL, Solved, Task, counts};
+use super::verify::{Claim, Verified, Verifier};
+use super::work::{Bounced, Work};
+use crate::error::{Error, Result};
+use crate::links::{Links, SLACK};
+use crate::operator::Fmm;
+use crate::solve::Stop;
+use crate::visibility::Visibility;
+
+/// Allowed error of a link with tested visibility, in units of the tolerance and the mean irradiance,
+/// to begin with.
+const ERROR_A_LINK: f64 = 0.5;
+/// Links are made at most so many times.
+const ROUNDS: u64 = 5;
+/// Part of the segments of a solution that its verification may test.
+const VERIFICATION: f64 = 0.06;
+/// Segments that it may test in any case.
+const LEAST_SEGMENTS: u64 = 1 << 16;
+/// The error falls as this power of what a link may be off by: measured are 0.3 to 0.55 with
+/// occlusion. Without, errors are those of expansions.
+const POWER: [f64; 2] = [0.45, 1.0];
+/// Part of the error of the model below which nothing is refined.
+const OF_MODEL: f64 = 1.0 / 3.0;
+/// What a refinement aims at, in units of what would just do.
+const AIM: f64 = 0.9;
+/// Bounds of the factor on what is allowed from one round to the next.
+const STEP: [f64; 2] = [0.03, 0.7];
+
+/// What decides on the error of a solution.
+#[derive(Clone, Copy, Debug)]
+struct Effort {
+    /// Error that a link may make, relative to the mean irradiance.
+    links: f64,
+    /// Tolerance of the sampled lights.
+    lights: f64,
+}
+
+impl Task<'_> {
+    /// Lights per surfel, then links for what is reflected, refined where those that are kept are not
+    /// good enough: a rough solution says where light is strong and where it is weak, and the measured
+    /// error whether the tolerance is kept.
+    pub fn fmm(&self, linked: &mut Linked, repairs: &mut Vec<String>) -> Result<Solved> {
+        let mut effort = Effort {
+            links: match self.visibility.is_open() {
+                true => self.tolerance,
+                false => ERROR_A_LINK * self.tolerance,
+            },
+            lights: self.tolerance,
+        };
+        let mut direct = self.direct_light(effort.lights, repairs)?;
+        let mut seconds = 0.0;
+        let mut solve = |linked: &mut Linked, work: &Work| {
+            let clock = Instant::now();
+            let bounced = linked.solve(self, work)?;
+            seconds += clock.elapsed().as_secs_f64();
+            Ok::<_, Error>(bounced)
+        };
+        let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
+        let dark = direct.irradiance.iter().all(|h| *h == DVec3::ZERO);
+        let mut before = match black || dark || self.max_bounces == Some(0) {
+            true => None,
+            false => Some(self.rough(&direct, linked, &mut solve)?),
+        };
+        let mut history: Vec<(f64, f64)> = Vec::new();
+        let mut best: Option<Solved> = None;
+        let mut verification = 0.0;
+        for round in 0..ROUNDS {
+            let found = before.as_ref().map(|before| {
+                let irradiance = Some(before.irradiance.as_slice());
+                let accuracy = self.accuracy(&before.reflected, irradiance, effort.links);
+                linked.refine(self, &accuracy, if round == 0 { SLACK } else { 1.0 })?;
+                let start = Some(before.reflected.as_slice());
+                solve(linked, &self.work(&direct.irradiance, start, self.stop()))
+            });
+            let found = match (found.transpose(), &best) {
+                (Err(Error::TooLarge(why)), Some(_)) => {
+                    self.progress.note(&format!("no further refinement: {why}"));
+                    break;
+                }
+                (found, _) => found?,
+            };
+            let clock = Instant::now();
+            let claimed = found.as_ref().map(|bounced| (linked.links(), bounced));
+            let model = best.as_ref().and_then(|last| last.model_error);
+            let (verified, model) = self.verify_round(&direct, claimed, model, round)?;
+            verification += clock.elapsed().as_secs_f64();
+            self.progress.note(&format!(
+                "links within {:.1e}, lights within {:.1e}: {verified}",
+                effort.links, effort.lights
+            ));
+            let solved = match &found {
+                None => Solved::without_reflection(direct.irradiance.clone()),
+                Some(bounced) => Solved {
+                    direct: direct.irradiance.clone(),
+                    irradiance: bounced.irradiance.clone(),
+                    ended: bounced.ended,
+                    checked: bounced.checked,
+                    links: counts(linked.links()),
+                    ..Solved::default()
+                },
+            };
+            let ended = solved.ended;
+            best = Some(Solved {
+                verified: Some(verified),
+                model_error: model,
+                ..solved
+            });
+            if verified.met || !ended.converged || round + 1 == ROUNDS {
+                break;
+            }
+            let reflected = verified.reflected.map_or(0.0, |r| r.rel_l2.value);
+            history.push((effort.links, reflected));
+            let last = effort;
+            effort = effort.refined(&verified, &history, self.visibility.is_open());
+            before = found;
+            if effort.lights < last.lights {
+                direct = self.direct_light(effort.lights, &mut Vec::new())?;
+            }
+        }
+        Ok(Solved {
+            seconds,
+            verification,
+            ..best.unwrap_or_default()
+        })
+    }
+
+    /// A first solution, by the links that are kept or by rough ones.
+    fn rough(
+        &self,
+        direct: &DirectLight,
+        linked: &mut Linked,
+        solve: &mut impl FnMut(&mut Linked, &Work) -> Result<Bounced>,
+    ) -> Result<Bounced> {
+        let lights = &direct.irradiance;
+        let stop = Stop {
+            residual: ROUGH_RESIDUAL,
+            bounces: None,
+        };
+        let work = Work {
+            checked: None,
+            ..self.work(lights, None, stop)
+        };
+        if !linked.is_none() {
+            return solve(linked, &work);
+        }
+        let ambient: DVec3 = lights.iter().sum::<DVec3>() / lights.len() as f64;
+        let guess: Vec<DVec3> = (lights.iter().zip(&self.surfels.reflectance))
+            .map(|(h, r)| r.as_dvec3() * (*h + ambient))
+            .collect();
+        let mut rough = linked.rough(self);
+        rough.refine(self, &self.accuracy(&guess, None, ROUGH_ERROR), 1.0)?;
+        solve(&mut rough, &work)
+    }
+
+    /// The error of a round, and that of the model, which the first round finds out.
+    fn verify_round(
+        &self,
+        direct: &DirectLight,
+        found: Option<(&Links, &Bounced)>,
+        model: Option<f64>,
+        round: u64,
+    ) -> Result<(Verified, Option<f64>)> {
+        let budget = budget(self.visibility.segments());
+        let mut verified = self.verify(direct, found, budget, round)?;
+        let model = match round {
+            0 => {
+                let irradiance = found.map_or(&direct.irradiance, |(_, b)| &b.irradiance);
+                self.model_error(irradiance, verified.total.one_bounce.value)?
+            }
+            _ => model,
+        };
+        if let (Some(model), false) = (model, self.below_model) {
+            verified.judge_by(self.tolerance.max(OF_MODEL * model));
+        }
+        Ok((verified, model))
+    }
+
+    /// What the number of points allows, where something is in the way: `error` is that of the irradiance.
+    fn model_error(&self, irradiance: &[DVec3], error: f64) -> Result<Option<f64>> {
+        if self.visibility.is_open() {
+            return Ok(None);
+        }
+        let surfels = self.surfels;
+        let radiosity: Vec<DVec3> = (irradiance.iter().zip(&surfels.reflectance))
+            .zip(&surfels.emission)
+            .map(|((h, r), e)| e.as_dvec3() + r.as_dvec3() * *h)
+            .collect();
+        let lit = Lit {
+            scene: self.scene,
+            surfels,
+            irradiance,
+            radiosity: &radiosity,
+            seed: self.seed,
+        };
+        model_error(&lit, error)
+    }
+
+    /// How far a solution is from the point truth; without links it is light straight from the lights.
+    pub(super) fn verify(
+        &self,
+        direct: &DirectLight,
+        found: Option<(&Links, &Bounced)>,
+        budget: u64,
+        round: u64,
+    ) -> Result<Verified> {
+        let verifier = Verifier {
+            surfels: self.surfels,
+            octree: self.octree,
+            visibility: self.visibility.inner(),
+            sky: self.scene.sky,
+            tolerance: self.tolerance,
+            seed: self.seed,
+        };
+        let bounced = found.map(|(_, bounced)| bounced);
+        let dark = vec![DVec3::ZERO; self.surfels.len()];
+        let claim = Claim {
+            irradiance: bounced.map_or(&direct.irradiance, |b| &b.irradiance),
+            lights: &direct.irradiance,
+            sampled: &direct.sampled,
+            reflected: match (bounced, self.max_bounces) {
+                (None, _) => &dark,
+                (Some(bounced), Some(_)) => &bounced.sent,
+                (Some(bounced), None) => &bounced.reflected,
+            },
+        };
+        let measured = verifier.measure(&claim, budget, round, self.progress)?;
+        let operator = found.map(|(links, _)| Fmm::<f32>::new(self.surfels, self.octree, links));
+        let bounces = self.max_bounces.map(|bounces| bounces.saturating_sub(1));
+        verifier.judge(&claim, &measured, operator.as_ref(), bounces, self.progress)
+    }
+}
+
+/// Segments that may be tested to verify what took so many.
+pub(super) fn budget(segments: u64) -> u64 {
+    ((VERIFICATION * segments as f64) as u64).max(LEAST_SEGMENTS)
+}
+
+impl Effort {
+    /// What should meet the tolerance, after rounds that did not: `history` has their allowed errors of
+    /// links and the errors that came of them.
+    fn refined(self, verified: &Verified, history: &[(f64, f64)], open: bool) -> Effort {
+        let mut next = self;
+        // How much smaller an error has to be, so that its upper bound, too, is within the tolerance.
+        let too_large = |error: super::Interval| error.high / (AIM * verified.tolerance);
+        let of_links = verified.reflected.map_or(0.0, |r| too_large(r.rel_l2));
+        let of_all = too_large(verified.total.rel_l2);
+        let direct = verified.direct.value / verified.total.rel_l2.value.max(f64::MIN_POSITIVE);
+        if of_all > 1.0 / AIM && direct > 0.5 {
+            next.lights *= (1.0 / of_all).clamp(0.3, 0.8);
+        }
+        let by_links = match direct < 0.8 {
+            true => of_links.max(of_all),
+            false => of_links,
+        };
+        if by_links > 1.0 {
+            let [closed, opened] = POWER;
+            let usual = if open { opened } else { closed };
+            let power = match history {
+                [.., (a, x), (b, y)] if *y > 0.0 && x > y && a > b => {
+                    ((x / y).ln() / (a / b).ln()).clamp(0.7 * usual, 1.5 * usual)
+                }
+                _ => usual,
+            };
+            next.links *= by_links.powf(-1.0 / power).clamp(STEP[0], STEP[1]);
+        }
+        next
+    }
+}

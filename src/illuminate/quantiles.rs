@@ -1,0 +1,106 @@
+//! What a sample says of the whole.
+
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+use serde::Serialize;
+
+/// A figure with its bounds: it is above the lower one with 95% confidence, and below the upper one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Interval {
+    pub value: f64,
+    pub low: f64,
+    pub high: f64,
+}
+
+/// Resamples of a bootstrap.
+const RESAMPLES: usize = 300;
+/// Standard deviations of a normal distribution below which 95% lie.
+pub(super) const DEVIATIONS: f64 = 1.645;
+
+impl Interval {
+    pub(super) fn exactly(value: f64) -> Interval {
+        Interval {
+            value,
+            low: value,
+            high: value,
+        }
+    }
+
+    fn map(self, f: impl Fn(f64) -> f64) -> Interval {
+        Interval {
+            value: f(self.value),
+            low: f(self.low),
+            high: f(self.high),
+        }
+    }
+
+    /// Square roots, of 0 where there is none.
+    pub(super) fn root(self) -> Interval {
+        self.map(|x| x.max(0.0).sqrt())
+    }
+
+    /// In units of `whole`; 0 if that is nothing.
+    pub(super) fn over(self, whole: f64) -> Interval {
+        self.map(|x| if whole > 0.0 { x / whole } else { 0.0 })
+    }
+}
+
+/// The mean of all, from those of a sample.
+pub(super) fn mean(sample: &[f64], random: &mut Pcg64Mcg) -> Interval {
+    let n = sample.len();
+    if n == 0 {
+        return Interval::default();
+    }
+    let value = sample.iter().sum::<f64>() / n as f64;
+    let deviation = |mean: f64, square: f64| {
+        let variance = (square / n as f64 - mean * mean).max(0.0);
+        (variance / n as f64).sqrt()
+    };
+    let square = |x: f64| x * x;
+    let own = deviation(value, sample.iter().copied().map(square).sum());
+    if own == 0.0 {
+        return Interval::exactly(value);
+    }
+    // Bootstrap-t (Efron and Tibshirani 1993, chapter 12): how far the means of resamples are off
+    // in units of their own deviation. A few large errors make the whole lopsided, which this knows.
+    let mut off: Vec<f64> = (0..RESAMPLES)
+        .map(|_| {
+            let (mut sum, mut squares) = (0.0, 0.0);
+            for _ in 0..n {
+                let x = sample[random.random_range(0..n)];
+                sum += x;
+                squares += x * x;
+            }
+            let mean = sum / n as f64;
+            (mean - value) / deviation(mean, squares).max(1e-3 * own)
+        })
+        .collect();
+    off.sort_unstable_by(f64::total_cmp);
+    let at = |part: f64| off[(part * (RESAMPLES - 1) as f64).round() as usize];
+    Interval {
+        value,
+        low: value - at(0.95) * own,
+        high: value - at(0.05) * own,
+    }
+}
+
+pub(super) fn sorted(mut sample: Vec<f64>) -> Vec<f64> {
+    sample.sort_unstable_by(f64::total_cmp);
+    sample
+}
+
+/// The value below which a part of all lies, from a sorted sample: the bounds are order statistics.
+pub(super) fn of(sorted: &[f64], part: f64) -> Interval {
+    let Some(last) = sorted.len().checked_sub(1) else {
+        return Interval::default();
+    };
+    let n = sorted.len() as f64;
+    let spread = DEVIATIONS * (n * part * (1.0 - part)).sqrt();
+    let at = |rank: f64| sorted[(rank.round().max(0.0) as usize).min(last)];
+    let middle = part * last as f64;
+    Interval {
+        value: at(middle),
+        low: at((n * part - spread).floor() - 1.0),
+        high: at((n * part + spread).ceil()),
+    }
+}

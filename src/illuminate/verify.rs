@@ -1,0 +1,645 @@
+//! The error of a solution, measured.
+//!
+//! At some surfels, spread over the octree's order, the irradiance is compared with unbiased estimates
+//! of what it should be: the exact sum over all points of what they emit and reflect in this very
+//! solution, and the sky. Two independent estimates H', H'' at each make (H - H')·(H - H'') an
+//! unbiased estimate of the squared error, however noisy they are, so that many surfels with few
+//! segments each measure the error of all.
+//!
+//! That is the error of one application of the operator, r = H - L - F(E + ρH). The error of the
+//! solution is (I - Fρ)⁻¹ r = r + G r: what is wrong is reflected on as light is.
+
+use std::fmt;
+use std::time::Instant;
+
+use glam::{DVec3, Vec3};
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+use serde::Serialize;
+
+use super::amplified::{Amplified, amplified};
+use super::quantiles::{self, Interval};
+use crate::error::Result;
+use crate::expansion::Surface;
+use crate::lights::visible_sky;
+use crate::octree::Octree;
+use crate::operator::{Draw, Sampler, TransportOperator, exact_irradiance};
+use crate::points::Surfels;
+use crate::progress::Progress;
+use crate::random::{Purpose, stream};
+use crate::solve::Stop;
+use crate::visibility::Visibility;
+
+/// Errors of a solution against the point truth, relative as [`Comparison`](crate::compare::Comparison)
+/// has it, each with its 95% bounds, lower and upper.
+///
+/// Quantiles hold a little noise of the estimates as well, and are rather too large.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Errors {
+    /// Relative L2 error of the last bounce: the operator was applied once to the light of the
+    /// solution, and is compared with the exact sum over that same light.
+    pub one_bounce: Interval,
+    /// Relative L2 error of the solution: that of all bounces.
+    pub rel_l2: Interval,
+    pub median: Interval,
+    pub p95: Interval,
+    pub p99: Interval,
+    /// The largest that was found. What is above the bound is at most 3 points out of as many as were
+    /// looked at, with 95% confidence.
+    pub max: f64,
+    pub bias: Interval,
+}
+
+/// What verifying a solution found.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Verified {
+    /// Surfels that were looked at.
+    pub receivers: usize,
+    /// Segments that it took.
+    pub segments: u64,
+    /// Seconds that it took.
+    pub seconds: f64,
+    /// Upper bound of the errors that was asked for.
+    pub tolerance: f64,
+    /// Whether both parts' relative L2 errors are within it, with 95% confidence.
+    pub met: bool,
+    /// Of the irradiance.
+    pub total: Errors,
+    /// Relative L2 error by sampled light straight from sky and shining surfels, a part of that.
+    pub direct: Interval,
+    /// Of the irradiance by light that was reflected before, relative to itself; `None` where there is
+    /// none.
+    pub reflected: Option<Errors>,
+}
+
+impl Verified {
+    /// Upper 95% bound of the relative L2 error of both parts.
+    pub fn bound(&self) -> f64 {
+        let reflected = self.reflected.map_or(0.0, |part| part.rel_l2.high);
+        self.total.rel_l2.high.max(reflected)
+    }
+
+    /// Takes a tolerance as what was asked for.
+    pub(super) fn judge_by(&mut self, tolerance: f64) {
+        self.tolerance = tolerance;
+        self.met = self.bound() <= tolerance;
+    }
+}
+
+impl fmt::Display for Verified {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let percent = |error: Interval| {
+            let [value, low, high] = [error.value, error.low, error.high].map(|x| 100.0 * x);
+            format!("{value:.2}% ({low:.2} to {high:.2})")
+        };
+        write!(f, "{} in all", percent(self.total.rel_l2))?;
+        if let Some(reflected) = &self.reflected {
+            write!(f, ", {} of reflected light", percent(reflected.rel_l2))?;
+        }
+        let [p95, max] = [self.total.p95.value, self.total.max].map(|x| 100.0 * x);
+        write!(
+            f,
+            ", 95% of the points within {p95:.1}%, the worst {max:.0}%"
+        )?;
+        let bias = 100.0 * self.total.bias.value;
+        write!(f, ", bias {bias:+.2}%, by {} points", self.receivers)
+    }
+}
+
+/// A solution that is to be verified; all fields in the octree's order.
+pub struct Claim<'a> {
+    pub irradiance: &'a [DVec3],
+    /// The part of it that comes straight from lights.
+    pub lights: &'a [DVec3],
+    /// The part of that which is sampled: from sky and shining surfels.
+    pub sampled: &'a [DVec3],
+    /// Reflected radiosity that makes the rest of it.
+    pub reflected: &'a [DVec3],
+}
+
+/// What a solution is verified with.
+pub struct Verifier<'a> {
+    pub surfels: &'a Surfels,
+    pub octree: &'a Octree,
+    pub visibility: &'a dyn Visibility,
+    pub sky: Vec3,
+    /// Relative error that is to be told from none.
+    pub tolerance: f64,
+    pub seed: u64,
+}
+
+/// Surfels that are looked at, at most and at least.
+const RECEIVERS: [usize; 2] = [1000, 200];
+/// Draws of an estimate, on average, at a tolerance of 0.03: its noise should be as large as the error.
+const DRAWS: f64 = 48.0;
+/// Draws of the two estimates each that tell where more are needed.
+const PILOT: u32 = 6;
+/// Fewest and most draws of an estimate.
+const COUNTS: [f64; 2] = [4.0, 8192.0];
+/// Part of the draws that goes to the surfels with the largest errors, and the part of the surfels
+/// that these are.
+const AGAIN: f64 = 0.25;
+const LARGEST: f64 = 0.06;
+/// Darkest irradiance, relative to the mean, that errors are taken relative to.
+const DARK: f64 = 0.01;
+
+/// What is estimated one by one.
+#[derive(Clone, Copy, PartialEq)]
+enum Light {
+    Reflected,
+    Emitted,
+    Sky,
+}
+
+/// Differences between a solution and estimates of it at one receiver.
+#[derive(Clone, Copy, Default)]
+struct Off {
+    direct: DVec3,
+    reflected: DVec3,
+}
+
+/// Differences found, not yet put into numbers.
+pub struct Measured {
+    pub receivers: Vec<u32>,
+    segments: u64,
+    start: Instant,
+    /// From two independent estimates.
+    off: [Vec<Off>; 2],
+    /// The best known, for quantiles.
+    best: Vec<Off>,
+}
+
+impl Verifier<'_> {
+    /// Compares a solution with estimates that take about `budget` segments. Another `round` looks
+    /// afresh.
+    pub fn measure(
+        &self,
+        claim: &Claim,
+        budget: u64,
+        round: u64,
+        progress: &dyn Progress,
+    ) -> Result<Measured> {
+        let start = Instant::now();
+        progress.stage("verification", 1);
+        let n = self.surfels.len();
+        let exact_rows = match self.visibility.is_open() {
+            true => (40 + (1 << 22) / n.max(1)).min(RECEIVERS[1]),
+            false => 2 * budget as usize / n.max(1),
+        };
+        let exact = exact_rows.min(n) >= RECEIVERS[1].min(n) || self.visibility.is_open();
+        let lights = self.kinds(claim);
+        let count = match exact {
+            true => exact_rows.min(RECEIVERS[0]),
+            false => {
+                // The noise falls as draws^(-3/4).
+                let draws = DRAWS * (0.03 / self.tolerance).powf(4.0 / 3.0).max(0.7);
+                let all = 2.0 * draws * lights.len().max(1) as f64;
+                let count = (1.0 - AGAIN) * budget as f64 / all;
+                (count as usize).clamp(RECEIVERS[1], RECEIVERS[0])
+            }
+        };
+        let receivers = self.receivers(count.min(n), round);
+        let mut measured = Measured {
+            segments: 0,
+            start,
+            off: [(); 2].map(|()| vec![Off::default(); receivers.len()]),
+            best: Vec::new(),
+            receivers,
+        };
+        match exact {
+            true => self.exactly(claim, &mut measured)?,
+            false => self.by_samples(claim, &lights, budget, round, &mut measured)?,
+        }
+        progress.check()?;
+        progress.advance(1);
+        Ok(measured)
+    }
+
+    /// Lights that are not exact.
+    fn kinds(&self, claim: &Claim) -> Vec<Light> {
+        let some = |light: &[DVec3]| light.iter().any(|b| *b != DVec3::ZERO);
+        let shines = self.surfels.emission.iter().any(|e| *e != Vec3::ZERO);
+        [
+            (Light::Reflected, some(claim.reflected)),
+            (Light::Emitted, shines),
+            (Light::Sky, self.sky != Vec3::ZERO),
+        ]
+        .into_iter()
+        .filter_map(|(light, is_there)| is_there.then_some(light))
+        .collect()
+    }
+
+    /// One surfel at random out of each of `count` equal parts of all.
+    fn receivers(&self, count: usize, round: u64) -> Vec<u32> {
+        let n = self.surfels.len() as f64;
+        let mut random = stream(self.seed, Purpose::Verify, round << 8);
+        (0..count)
+            .map(|k| ((k as f64 + random.random::<f64>()) * n / count as f64).min(n - 1.0) as u32)
+            .collect()
+    }
+
+    /// What is wrong with a light, if this is what it should be.
+    fn off(&self, claim: &Claim, i: u32, light: Light, truth: DVec3) -> Off {
+        let i = i as usize;
+        match light {
+            Light::Reflected => Off {
+                reflected: claim.irradiance[i] - claim.lights[i] - truth,
+                direct: DVec3::ZERO,
+            },
+            _ => Off {
+                direct: -truth,
+                reflected: DVec3::ZERO,
+            },
+        }
+    }
+
+    fn exactly(&self, claim: &Claim, measured: &mut Measured) -> Result<()> {
+        let emission: Vec<DVec3> = self.surfels.emission.iter().map(|e| e.as_dvec3()).collect();
+        let rows: Vec<usize> = measured.receivers.iter().map(|&i| i as usize).collect();
+        // Both fields want the same segments: red, green and blue of one after the other would test
+        // them twice.
+        for (light, field) in [
+            (Light::Reflected, claim.reflected),
+            (Light::Emitted, emission.as_slice()),
+        ] {
+            if field.iter().all(|b| *b == DVec3::ZERO) {
+                continue;
+            }
+            let sums = exact_irradiance(self.surfels, self.visibility, &rows, field)?;
+            measured.segments += (rows.len() * self.surfels.len() / 2) as u64;
+            for (k, (truth, _)) in sums.into_iter().enumerate() {
+                let off = self.off(claim, measured.receivers[k], light, truth);
+                for half in &mut measured.off {
+                    half[k].add(off);
+                }
+            }
+        }
+        if self.sky != Vec3::ZERO {
+            let strata = 64;
+            let counts = vec![(strata * strata) as f64; rows.len()];
+            for half in 0..2 {
+                let skies = self.sky(&measured.receivers, &counts, half)?;
+                measured.segments += (rows.len() * strata * strata) as u64;
+                for (off, sky) in measured.off[half as usize].iter_mut().zip(skies) {
+                    off.direct -= sky;
+                }
+            }
+        }
+        measured.close(claim);
+        measured.best = measured.mean();
+        Ok(())
+    }
+
+    fn by_samples(
+        &self,
+        claim: &Claim,
+        lights: &[Light],
+        budget: u64,
+        round: u64,
+        measured: &mut Measured,
+    ) -> Result<()> {
+        let surface = Surface::new(self.surfels);
+        let emission: Vec<DVec3> = self.surfels.emission.iter().map(|e| e.as_dvec3()).collect();
+        let samplers = lights.iter().map(|light| match light {
+            Light::Reflected => Some(claim.reflected),
+            Light::Emitted => Some(emission.as_slice()),
+            Light::Sky => None,
+        });
+        let samplers: Vec<Option<Sampler>> = samplers
+            .map(|field| {
+                field.map(|field| Sampler::new(self.octree, self.surfels, &surface, field))
+            })
+            .collect();
+        let receivers = measured.receivers.clone();
+        let mut segments = 0;
+        // An estimate of each light at some receivers, each with its number of draws.
+        let mut estimates = |some: &[usize], counts: &[Vec<f64>], phase: u64| {
+            let chosen: Vec<u32> = some.iter().map(|&k| receivers[k]).collect();
+            let mut found = Vec::with_capacity(lights.len());
+            for (l, sampler) in samplers.iter().enumerate() {
+                let item = round << 8 | phase << 2 | l as u64;
+                let counts: Vec<f64> = some.iter().map(|&k| counts[l][k]).collect();
+                segments += counts.iter().sum::<f64>() as u64;
+                found.push(match sampler {
+                    Some(sampler) => {
+                        let draws: Vec<Draw> = (chosen.iter().zip(&counts))
+                            .map(|(&receiver, &count)| Draw {
+                                receiver,
+                                count: count as u32,
+                            })
+                            .collect();
+                        let random = |k: usize| self.random(chosen[k], item);
+                        sampler.estimate(&draws, random, self.visibility)?
+                    }
+                    None => self.sky(&chosen, &counts, item)?,
+                });
+            }
+            Ok::<_, crate::Error>(found)
+        };
+        let all: Vec<usize> = (0..receivers.len()).collect();
+        let pilot_counts = vec![vec![f64::from(PILOT); receivers.len()]; lights.len()];
+        let pilot = [
+            estimates(&all, &pilot_counts, 1)?,
+            estimates(&all, &pilot_counts, 2)?,
+        ];
+        let left = budget as f64 - 2.0 * (lights.len() * receivers.len()) as f64 * f64::from(PILOT);
+        let shares = self.shares(claim, lights, &receivers, &pilot);
+        let counts = |draws: f64| -> Vec<Vec<f64>> {
+            let count = |share: &f64| (share * draws).clamp(COUNTS[0], COUNTS[1]).round();
+            let of_light = |shares: &Vec<f64>| shares.iter().map(count).collect();
+            shares.iter().map(of_light).collect()
+        };
+        let of_all = counts(0.5 * (1.0 - AGAIN) * left);
+        for half in 0..2 {
+            let found = estimates(&all, &of_all, 3 + half as u64)?;
+            for (&light, found) in lights.iter().zip(found) {
+                for (k, truth) in found.into_iter().enumerate() {
+                    measured.off[half][k].add(self.off(claim, receivers[k], light, truth));
+                }
+            }
+        }
+        measured.close(claim);
+        measured.best = measured.mean();
+        // The largest of many noisy errors have the largest noise: they are measured afresh.
+        let again = measured.largest(claim);
+        if !again.is_empty() {
+            let taken: f64 = shares
+                .iter()
+                .flat_map(|s| again.iter().map(|&k| s[k]))
+                .sum();
+            let counts = counts(AGAIN * left / taken.max(f64::MIN_POSITIVE));
+            let found = estimates(&again, &counts, 5)?;
+            for &k in &again {
+                measured.best[k] = Off {
+                    direct: claim.sampled[receivers[k] as usize],
+                    reflected: DVec3::ZERO,
+                };
+            }
+            for (&light, found) in lights.iter().zip(found) {
+                for (&k, truth) in again.iter().zip(found) {
+                    measured.best[k].add(self.off(claim, receivers[k], light, truth));
+                }
+            }
+        }
+        measured.segments = segments;
+        Ok(())
+    }
+
+    /// Which part of all draws goes to which light at which receiver: in proportion to the noise that
+    /// the pilots show, half of them to its size and half to that relative to the light there.
+    fn shares(
+        &self,
+        claim: &Claim,
+        lights: &[Light],
+        receivers: &[u32],
+        pilot: &[Vec<Vec<DVec3>>; 2],
+    ) -> Vec<Vec<f64>> {
+        let level = |light: Light| match light {
+            Light::Reflected => claim.level(Part::Reflected),
+            _ => claim.level(Part::Total),
+        };
+        let mut shares = vec![vec![0.0; receivers.len()]; lights.len()];
+        for relative in [false, true] {
+            let mut noises = shares.clone();
+            for (l, &light) in lights.iter().enumerate() {
+                let (rms, mean) = level(light);
+                for (k, &i) in receivers.iter().enumerate() {
+                    let [a, b] = [pilot[0][l][k], pilot[1][l][k]];
+                    let noise = (a - b).length() + 0.1 * (a + b).length() + 0.02 * rms;
+                    let scale = match relative {
+                        true => claim.irradiance[i as usize].length().max(DARK * mean),
+                        false => rms,
+                    };
+                    noises[l][k] = noise / scale.max(f64::MIN_POSITIVE);
+                }
+            }
+            let total: f64 = noises.iter().flatten().sum();
+            for (share, noise) in shares.iter_mut().flatten().zip(noises.iter().flatten()) {
+                *share += 0.5 * noise / total.max(f64::MIN_POSITIVE);
+            }
+        }
+        shares
+    }
+
+    fn random(&self, receiver: u32, item: u64) -> Pcg64Mcg {
+        stream(
+            self.seed,
+            Purpose::Verify,
+            u64::from(receiver) << 32 | 1 << 31 | item,
+        )
+    }
+
+    /// Light from the sky at some surfels, in about so many directions each.
+    fn sky(&self, receivers: &[u32], counts: &[f64], item: u64) -> Result<Vec<DVec3>> {
+        // Squares of powers of two, so that surfels can be taken together.
+        let strata = |count: f64| 1_usize << (count.max(4.0).log2() / 2.0).round() as u32;
+        let mut skies = vec![DVec3::ZERO; receivers.len()];
+        for level in 1..=6 {
+            let some: Vec<usize> = (0..receivers.len())
+                .filter(|&k| strata(counts[k]).min(64) == 1 << level)
+                .collect();
+            let chosen: Vec<u32> = some.iter().map(|&k| receivers[k]).collect();
+            let random = |k: usize| self.random(chosen[k], item);
+            let shares = visible_sky(self.surfels, &chosen, 1 << level, random, self.visibility)?;
+            for (k, share) in some.into_iter().zip(shares) {
+                skies[k] = self.sky.as_dvec3() * share;
+            }
+        }
+        Ok(skies)
+    }
+
+    /// Puts what was measured into numbers; `operator` carries errors on to further bounces.
+    pub fn judge<O: TransportOperator>(
+        &self,
+        claim: &Claim,
+        measured: &Measured,
+        operator: Option<&O>,
+        bounces: Option<u32>,
+        progress: &dyn Progress,
+    ) -> Result<Verified> {
+        let stop = |residual| Stop { residual, bounces };
+        let [a, b] = measured.grey(Part::Total);
+        let carried = match operator {
+            Some(operator) => Some(amplified(
+                operator,
+                self.surfels,
+                &measured.receivers,
+                [&a, &b],
+                stop(0.03),
+                self.seed,
+                progress,
+            )?),
+            None => None,
+        };
+        let errors = |part| self.errors(claim, measured, part, carried.as_ref());
+        let reflected = claim.level(Part::Reflected).0 > 0.0;
+        let mut verified = Verified {
+            receivers: measured.receivers.len(),
+            segments: measured.segments,
+            tolerance: self.tolerance,
+            met: false,
+            total: errors(Part::Total),
+            direct: self.errors(claim, measured, Part::Direct, None).one_bounce,
+            reflected: reflected.then(|| errors(Part::Reflected)),
+            seconds: measured.start.elapsed().as_secs_f64(),
+        };
+        verified.judge_by(self.tolerance);
+        Ok(verified)
+    }
+
+    fn errors(
+        &self,
+        claim: &Claim,
+        measured: &Measured,
+        part: Part,
+        carried: Option<&Amplified>,
+    ) -> Errors {
+        let (rms, mean) = claim.level(part);
+        if rms == 0.0 {
+            return Errors::default();
+        }
+        let [a, b] = measured.off.each_ref().map(|off| part.of(off));
+        let squares: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a.dot(*b)).collect();
+        let signed: Vec<f64> = (a.iter().zip(&b))
+            .map(|(a, b)| (*a + *b).element_sum() / 2.0)
+            .collect();
+        let mut random = stream(self.seed, Purpose::Verify, 0);
+        let one_bounce = quantiles::mean(&squares, &mut random).root().over(rms);
+        let sum: f64 = claim.sum(part);
+        let relative: Vec<f64> = (measured.receivers.iter().zip(part.of(&measured.best)))
+            .map(|(&i, off)| {
+                let truth = claim.part(part, i as usize) - off;
+                off.length() / truth.length().max(DARK * mean)
+            })
+            .collect();
+        let sorted = quantiles::sorted(relative);
+        let rel_l2 = match carried {
+            None => one_bounce,
+            Some(carried) => {
+                let [a, b] = measured.grey(part);
+                carried.added_to(one_bounce, [&a, &b], claim.grey(part))
+            }
+        };
+        Errors {
+            one_bounce,
+            rel_l2,
+            median: quantiles::of(&sorted, 0.5),
+            p95: quantiles::of(&sorted, 0.95),
+            p99: quantiles::of(&sorted, 0.99),
+            max: sorted.last().copied().unwrap_or(0.0),
+            bias: quantiles::mean(&signed, &mut random).over(sum),
+        }
+    }
+}
+
+/// What errors are taken of.
+#[derive(Clone, Copy, PartialEq)]
+enum Part {
+    Total,
+    Reflected,
+    /// What is sampled of the light straight from lights, in units of the whole.
+    Direct,
+}
+
+impl Part {
+    fn of(self, off: &[Off]) -> Vec<DVec3> {
+        let of = |off: &Off| match self {
+            Part::Total => off.direct + off.reflected,
+            Part::Reflected => off.reflected,
+            Part::Direct => off.direct,
+        };
+        off.iter().map(of).collect()
+    }
+}
+
+impl Claim<'_> {
+    fn part(&self, part: Part, i: usize) -> DVec3 {
+        match part {
+            Part::Total | Part::Direct => self.irradiance[i],
+            Part::Reflected => self.irradiance[i] - self.lights[i],
+        }
+    }
+
+    fn all(&self, part: Part) -> impl Iterator<Item = DVec3> {
+        (0..self.irradiance.len()).map(move |i| self.part(part, i))
+    }
+
+    /// Root mean square of the length of a part, and the mean.
+    fn level(&self, part: Part) -> (f64, f64) {
+        let n = self.irradiance.len().max(1) as f64;
+        let (square, sum) = self.all(part).fold((0.0, 0.0), |(square, sum), h| {
+            (square + h.length_squared(), sum + h.length())
+        });
+        ((square / n).sqrt(), sum / n)
+    }
+
+    /// Mean of all channels together.
+    fn sum(&self, part: Part) -> f64 {
+        let n = self.irradiance.len().max(1) as f64;
+        self.all(part).map(|h| h.element_sum()).sum::<f64>() / n
+    }
+
+    /// Root mean square of the mean of the channels.
+    fn grey(&self, part: Part) -> f64 {
+        let n = self.irradiance.len().max(1) as f64;
+        let square: f64 = self
+            .all(part)
+            .map(|h| (h.element_sum() / 3.0).powi(2))
+            .sum();
+        (square / n).sqrt()
+    }
+}
+
+impl Off {
+    fn add(&mut self, other: Off) {
+        self.direct += other.direct;
+        self.reflected += other.reflected;
+    }
+}
+
+impl Measured {
+    /// What was claimed of the sampled lights, of which so far only the truth was taken off.
+    fn close(&mut self, claim: &Claim) {
+        for off in &mut self.off {
+            for (off, &i) in off.iter_mut().zip(&self.receivers) {
+                off.direct += claim.sampled[i as usize];
+            }
+        }
+    }
+
+    /// Means of the channels of both estimates of an error.
+    fn grey(&self, part: Part) -> [Vec<f64>; 2] {
+        let grey = |off: DVec3| off.element_sum() / 3.0;
+        let of = |off: &Vec<Off>| part.of(off).into_iter().map(grey).collect();
+        self.off.each_ref().map(of)
+    }
+
+    fn mean(&self) -> Vec<Off> {
+        let [a, b] = &self.off;
+        let mean = |(a, b): (&Off, &Off)| Off {
+            direct: 0.5 * (a.direct + b.direct),
+            reflected: 0.5 * (a.reflected + b.reflected),
+        };
+        a.iter().zip(b).map(mean).collect()
+    }
+
+    /// The receivers with the largest errors of either part.
+    fn largest(&self, claim: &Claim) -> Vec<usize> {
+        let count = (LARGEST * self.receivers.len() as f64).ceil() as usize;
+        let mut chosen = Vec::new();
+        for part in [Part::Total, Part::Reflected] {
+            let mean = claim.level(part).1;
+            let off = part.of(&self.best);
+            let relative = |k: usize| {
+                let light = claim.part(part, self.receivers[k] as usize).length();
+                off[k].length() / light.max(DARK * mean).max(f64::MIN_POSITIVE)
+            };
+            let mut order: Vec<usize> = (0..off.len()).collect();
+            order.sort_by(|&a, &b| relative(b).total_cmp(&relative(a)).then(a.cmp(&b)));
+            chosen.extend(order.into_iter().take(count));
+        }
+        chosen.sort_unstable();
+        chosen.dedup();
+        chosen
+    }
+}
