@@ -1,9 +1,11 @@
 //! What a kept transport saves: fresh solves and relights side by side, each with its error against
-//! exact sums: `cargo bench --bench relight [-- POINTS]`.
+//! exact sums, and how fast a kept operator is loaded: `cargo bench --bench relight [-- POINTS LOADED]`,
+//! by default 128000 and 1000000; 0 leaves a part out.
 
 #[path = "../tests/relit/mod.rs"]
 mod relit;
 
+use std::io::Read;
 use std::time::Instant;
 
 use fmmgi_gpu::progress::Silent;
@@ -52,11 +54,54 @@ const CASES: [Case; 3] = [
 ];
 
 fn main() {
-    let points = std::env::args().skip(1).find_map(|a| a.parse().ok());
-    let points = points.unwrap_or(128_000);
-    println!("lamp; fresh s, error; relit s (links, visibility, solve), share, segments, error");
-    for case in &CASES {
-        table(case, points);
+    let mut numbers = std::env::args().filter_map(|a| a.parse().ok());
+    let points = numbers.next().unwrap_or(128_000);
+    let loaded = numbers.next().unwrap_or(1_000_000);
+    if points > 0 {
+        println!(
+            "lamp: fresh s, error; relit s (links, visibility, solve, checks), share, segments, error"
+        );
+        CASES.iter().for_each(|case| table(case, points));
+    }
+    if loaded > 0 {
+        load(loaded);
+    }
+}
+
+/// A kept operator against the mere reading of its file.
+fn load(points: usize) {
+    let case = &CASES[0];
+    let scene = lamp(case.scene, points, case.lamps[0].1);
+    let options = Options {
+        method: Method::Fmm,
+        tolerance: Some(case.tolerance),
+        ..Options::default()
+    };
+    let fresh = || Transport::new(&scene, &options, Backend::Cpu, &Silent).unwrap();
+    let (prepare, mut transport) = timed(fresh);
+    let (light, _) = timed(|| transport.illuminate(&scene, &Silent).unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("kept");
+    let (save, ()) = timed(|| transport.save(&path).unwrap());
+    drop(transport);
+    let megabytes = std::fs::metadata(&path).unwrap().len() as f64 * 1e-6;
+    println!(
+        "{} points: prepared in {prepare:.2} s, lit in {light:.2} s, {megabytes:.0} MB saved in {save:.2} s",
+        scene.cloud.len()
+    );
+    for _ in 0..3 {
+        let mut chunk = vec![0; 1 << 17];
+        let (read, ()) = timed(|| {
+            let mut file = std::fs::File::open(&path).unwrap();
+            while file.read(&mut chunk).unwrap() > 0 {}
+        });
+        let load = || Transport::load(&path, &scene, &options, Backend::Cpu, &Silent).unwrap();
+        let (load, _) = timed(load);
+        println!(
+            "  read in {read:.3} s ({:.0} MB/s), loaded in {load:.3} s ({:.0} MB/s)",
+            megabytes / read,
+            megabytes / load
+        );
     }
 }
 

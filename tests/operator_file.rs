@@ -19,17 +19,19 @@ const CEILING: [f64; 3] = [0.5, 0.9, 0.5];
 const CORNER: [f64; 3] = [0.15, 0.2, 0.1];
 
 /// Bytes before the arrays.
-const HEADER: usize = 140;
-/// Where counts are, and how many words one more takes: surfels, facets, cones, links of order 1,
-/// sampled ones, those of surfels, pairs left out.
-const MORE: [(usize, usize); 7] = [
+const HEADER: usize = 148;
+/// Where counts are, and how many words one more takes: surfels, facets, cones, boxes, occluders,
+/// links of order 1, sampled ones, those of surfels, pairs left out.
+const MORE: [(usize, usize); 9] = [
     (56, 30),
     (60, 10),
     (64, 1),
-    (80, 3),
-    (128, 3),
-    (132, 2),
-    (136, 2),
+    (68, 1),
+    (72, 1),
+    (88, 3),
+    (136, 3),
+    (140, 2),
+    (144, 2),
 ];
 
 fn options() -> Options {
@@ -227,6 +229,9 @@ fn damage_behind_a_right_checksum_does_no_harm() {
         "points with",
         "surfels with",
         "children",
+        "cells that are not there",
+        "cells without an area",
+        "boxes",
         "rows",
         "links to",
         "weights",

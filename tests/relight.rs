@@ -7,9 +7,13 @@ mod relit;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use common::gpu;
+use fmmgi_gpu::links::{self, Accuracy, Kept, Links};
+use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
+use fmmgi_gpu::operator::{Fmm, TransportOperator};
 use fmmgi_gpu::progress::Silent;
+use fmmgi_gpu::visibility::{CpuVisibility, Occluders};
 use fmmgi_gpu::{
-    Backend, Error, Illumination, Method, Occlusion, Options, Progress, Scene, Transport,
+    Backend, Error, Illumination, Method, Occlusion, Options, Progress, Scene, Surfels, Transport,
     illuminate,
 };
 use glam::{DVec3, Vec3};
@@ -84,6 +88,38 @@ fn the_tolerance_holds_in_each_of_two_rooms_wherever_the_lamp_hangs() {
             "{all:?} {here:?}"
         );
     }
+}
+
+#[test]
+fn what_was_left_out_for_a_weak_light_is_found_for_a_strong_one() {
+    let scene = lamp("two_rooms", POINTS, ROOMS[0]);
+    let prepared = Surfels::prepare(&scene.cloud, &Silent).unwrap();
+    let (octree, surfels) = Octree::build(&prepared.surfels, LEAF_SIZE);
+    let occluders = Occluders::build(&surfels);
+    let visibility = CpuVisibility::<f32>::new(&occluders);
+    let ones = vec![DVec3::ONE; surfels.len()];
+    let accuracy = |error| Accuracy::new(&octree, &ones, None, error, 1, 1);
+    let received = |links: &Links| {
+        let operator = Fmm::<f64>::new(&surfels, &octree, links);
+        operator.apply(&ones).unwrap()
+    };
+    let mut kept = Kept::none(&octree, &surfels);
+    for error in [1.0, 0.2, 0.01] {
+        kept.refine(&surfels, &octree, &accuracy(error), &visibility, &Silent)
+            .unwrap();
+    }
+    let fresh = links::build(&surfels, &octree, &accuracy(0.01), &visibility, &Silent).unwrap();
+    let [kept, fresh] = [&kept.links, &fresh].map(received);
+    let sum = |light: &[DVec3]| light.iter().map(|h| h.x).sum::<f64>();
+    let off: f64 = kept
+        .iter()
+        .zip(&fresh)
+        .map(|(a, b)| (a.x - b.x).powi(2))
+        .sum();
+    let off = (off / fresh.iter().map(|b| b.x * b.x).sum::<f64>()).sqrt();
+    let lost = 1.0 - sum(&kept) / sum(&fresh);
+    println!("off by {off:.4}, lost {lost:.5}");
+    assert!(lost.abs() < 3e-3 && off < 0.02, "{lost} {off}");
 }
 
 #[test]

@@ -106,17 +106,7 @@ impl Occluders {
 
 /// The hierarchy over some boxes, at least one node, and the boxes in the order of its leaves.
 pub(super) fn hierarchy(mut items: Vec<Item>) -> (Vec<Node>, Vec<Item>) {
-    let mut reaches: Vec<f32> = items.par_iter().map(Item::reach).collect();
-    let middle = reaches.len() / 2;
-    let extent = match reaches.is_empty() {
-        true => 0.0,
-        false => USUAL * *reaches.select_nth_unstable_by(middle, f32::total_cmp).1,
-    };
-    items.par_iter_mut().for_each(|item| {
-        let padding = Vec3A::splat(PADDING * item.reach().max(extent));
-        item.min -= padding;
-        item.max += padding;
-    });
+    pad(&mut items);
     let mut nodes = Vec::with_capacity(items.len());
     if items.is_empty() {
         nodes.push(Node {
@@ -129,8 +119,23 @@ pub(super) fn hierarchy(mut items: Vec<Item>) -> (Vec<Node>, Vec<Item>) {
     (nodes, items)
 }
 
+/// Moves the sides of all boxes out by the padding.
+pub(super) fn pad(items: &mut [Item]) {
+    let mut reaches: Vec<f32> = items.par_iter().map(Item::reach).collect();
+    let middle = reaches.len() / 2;
+    let extent = match reaches.is_empty() {
+        true => 0.0,
+        false => USUAL * *reaches.select_nth_unstable_by(middle, f32::total_cmp).1,
+    };
+    items.par_iter_mut().for_each(|item| {
+        let padding = Vec3A::splat(PADDING * item.reach().max(extent));
+        item.min -= padding;
+        item.max += padding;
+    });
+}
+
 impl Occluder {
-    fn new(surfels: &Surfels, i: usize) -> Occluder {
+    pub(super) fn new(surfels: &Surfels, i: usize) -> Occluder {
         let corners = scaled_corners(surfels, i);
         let radius_squared = corners.iter().map(|c| c.length_squared());
         Occluder {
@@ -159,7 +164,7 @@ pub(super) struct Item {
 
 impl Item {
     /// `None` for a cell without an area.
-    fn cell(surfels: &Surfels, i: usize) -> Option<Item> {
+    pub(super) fn cell(surfels: &Surfels, i: usize) -> Option<Item> {
         let corners = scaled_corners(surfels, i);
         let twice_area: f32 = (0..MAX_EDGES)
             .map(|k| corners[k].perp_dot(corners[(k + 1) % MAX_EDGES]))
@@ -299,21 +304,21 @@ fn partition(items: &mut [Item], is_left: impl Fn(&Item) -> bool) -> usize {
 
 /// The box around some items, and their number.
 #[derive(Clone, Copy)]
-struct Bin {
-    min: Vec3A,
-    max: Vec3A,
+pub(super) struct Bin {
+    pub min: Vec3A,
+    pub max: Vec3A,
     count: u32,
 }
 
 impl Bin {
-    const EMPTY: Bin = Bin {
+    pub const EMPTY: Bin = Bin {
         min: Vec3A::INFINITY,
         max: Vec3A::NEG_INFINITY,
         count: 0,
     };
 
     #[inline(always)]
-    fn with(&self, item: &Item) -> Bin {
+    pub fn with(&self, item: &Item) -> Bin {
         Bin {
             min: self.min.min(item.min),
             max: self.max.max(item.max),

@@ -7,6 +7,7 @@ mod pairs;
 mod point_visible;
 mod seen;
 mod segment;
+mod stored;
 mod wide;
 
 use std::marker::PhantomData;
@@ -24,6 +25,7 @@ pub use point_visible::{
 };
 pub use seen::Seen;
 pub use segment::{BEHIND, Hit, RIM, blocked, first_hit, meeting};
+pub(crate) use stored::Shape;
 pub use wide::WideNode;
 
 /// Stands for "no surfel" in [`Segment`]'s skip fields.

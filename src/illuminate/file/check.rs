@@ -1,6 +1,6 @@
 //! What must be true of the arrays of a file before they are used.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::NO_SURFEL;
@@ -30,7 +30,8 @@ pub fn surfels(surfels: &Surfels, places: &[u32]) -> Checked {
         unit(normal) && unit(tangent) && normal.dot(tangent).abs() < SLACK
     };
     ensure(n > 0, "no surfels")?;
-    ensure(surfels.origin.is_finite(), "an origin that is no place")?;
+    let origin = surfels.origin.abs().cmple(DVec3::splat(LARGEST)).all();
+    ensure(origin, "an origin that is no place")?;
     ensure(
         (0.0..100.0).contains(&surfels.occluder_scale),
         "a scale of cells that cannot be",

@@ -7,6 +7,7 @@ use super::super::geometry::Geometry;
 use crate::links::Kept;
 use crate::octree::StoredFacet;
 use crate::points::MAX_EDGES;
+use crate::visibility::Shape;
 
 /// The first eight bytes.
 pub const MAGIC: [u8; 8] = *b"fmmgi-op";
@@ -31,6 +32,9 @@ pub struct Header {
     pub surfels: u32,
     pub facets: u32,
     pub cones: u32,
+    /// Boxes around what stands in the way, and what they hold.
+    pub boxes: u32,
+    pub occluders: u32,
     /// Bytes of the repairs, line by line, without the padding to whole words.
     pub repairs: u32,
     /// Lists of links with expansions.
@@ -43,7 +47,7 @@ pub struct Header {
 }
 
 impl Header {
-    pub fn new(geometry: &Geometry, kept: &Kept, repairs: usize) -> Header {
+    pub fn new(geometry: &Geometry, shape: &Shape, kept: &Kept, repairs: usize) -> Header {
         let surfels = &geometry.surfels;
         let mut m2l = [0; ORDERS];
         for (len, rows) in m2l.iter_mut().zip(&kept.links.m2l) {
@@ -60,6 +64,8 @@ impl Header {
             surfels: surfels.len() as u32,
             facets: geometry.octree.facets.len() as u32,
             cones: geometry.octree.cones.len() as u32,
+            boxes: shape.counts.len() as u32,
+            occluders: shape.order.len() as u32,
             repairs: repairs as u32,
             orders: kept.links.m2l.len() as u32,
             m2l,
@@ -75,7 +81,9 @@ impl Header {
             [self.points, self.surfels, self.facets, self.cones].map(u64::from);
         let rows = |targets: u64, len: u32, arrays: u64| targets + 1 + arrays * u64::from(len);
         let mut words = words_of::<Header>() + points + n * words_a_surfel();
-        words += facets * words_of::<StoredFacet>() + cones + u64::from(self.repairs.div_ceil(4));
+        words += facets * words_of::<StoredFacet>() + cones;
+        words += u64::from(self.boxes) + u64::from(self.occluders);
+        words += u64::from(self.repairs.div_ceil(4));
         for len in &self.m2l[..(self.orders as usize).min(ORDERS)] {
             words += rows(facets, *len, 3);
         }

@@ -25,7 +25,7 @@ use crate::memory;
 use crate::octree::{Octree, StoredFacet};
 use crate::output::write_atomic;
 use crate::points::{Cells, PointCloud, Surfels};
-use crate::visibility::Occluders;
+use crate::visibility::{Occluders, Shape};
 
 /// Place of a point that gets no light.
 const NO_SURFEL: u32 = u32::MAX;
@@ -38,7 +38,9 @@ pub(super) fn save(path: &Path, geometry: &Geometry, kept: &Kept) -> Result<()> 
 fn write(to: &mut dyn Write, geometry: &Geometry, kept: &Kept) -> io::Result<()> {
     let surfels = &geometry.surfels;
     let mut repairs = geometry.repairs.join("\n").into_bytes();
-    let header = Header::new(geometry, kept, repairs.len());
+    let shape = geometry.occluders.as_deref().map(Occluders::shape);
+    let shape = shape.unwrap_or_default();
+    let header = Header::new(geometry, &shape, kept, repairs.len());
     repairs.resize(repairs.len().next_multiple_of(4), b' ');
     // Bytes are in their order in words of any machine.
     let repairs: Vec<u32> = repairs
@@ -62,6 +64,8 @@ fn write(to: &mut dyn Write, geometry: &Geometry, kept: &Kept) -> io::Result<()>
     to.array(&surfels.points)?;
     to.array(&geometry.octree.stored())?;
     to.array(&geometry.octree.cones)?;
+    to.array(&shape.counts)?;
+    to.array(&shape.order)?;
     let links = &kept.links;
     for (rows, demands) in links.m2l.iter().zip(&kept.m2l) {
         write_rows(&mut to, rows)?;
@@ -154,6 +158,7 @@ struct Arrays {
     surfels: Surfels,
     facets: Vec<StoredFacet>,
     cones: Vec<u32>,
+    shape: Shape,
     kept: Kept,
 }
 
@@ -187,6 +192,10 @@ impl Arrays {
         };
         let stored = from.array(facets)?;
         let cones = from.array(header.cones as usize)?;
+        let shape = Shape {
+            counts: from.array(header.boxes as usize)?,
+            order: from.array(header.occluders as usize)?,
+        };
         let mut links = Links::none(0, 0);
         let mut m2l = Vec::new();
         for &len in &header.m2l[..header.orders as usize] {
@@ -207,6 +216,7 @@ impl Arrays {
             surfels,
             facets: stored,
             cones,
+            shape,
             kept: Kept {
                 links,
                 m2l,
@@ -224,6 +234,7 @@ impl Arrays {
         } = self;
         check::surfels(&surfels, &self.places)?;
         let octree = Octree::restored(&self.facets, self.cones, &surfels)?;
+        let occluders = Occluders::restored(&surfels, &self.shape)?;
         check::links(&kept, octree.facets.len(), surfels.len())?;
         let bytes: Vec<u8> = self.repairs.iter().flat_map(|w| w.to_le_bytes()).collect();
         let text = bytes.get(..header.repairs as usize).unwrap_or(&bytes);
@@ -233,7 +244,7 @@ impl Arrays {
         surfels.emission = surfels.reflectance.clone();
         let place = |&place: &u32| (place != NO_SURFEL).then_some(place);
         let geometry = Geometry {
-            occluders: Some(Arc::new(Occluders::build(&surfels))),
+            occluders: Some(Arc::new(occluders)),
             surfels: Arc::new(surfels),
             octree,
             places: self.places.iter().map(place).collect(),
