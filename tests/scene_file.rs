@@ -324,17 +324,62 @@ fn bad_scene_files_are_refused_in_words() {
 }
 
 #[test]
+fn meshes_are_sampled_as_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    write("tile.obj", "v 0 0 0\nv 2 0 0\nv 0 2 0\nf 1 2 3\n");
+    write(
+        "tile.ply",
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+         property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n\
+         0 0 0\n2 0 0\n0 2 0\n3 0 1 2\n",
+    );
+    let load = |text: &str, options: SceneOptions| {
+        write("scene.toml", text);
+        let scene = Scene::load(&folder.path().join("scene.toml"), &options, &Silent).unwrap();
+        assert_eq!(scene.sources.last().unwrap().points, 0..scene.cloud.len());
+        assert!(scene.cloud.normals.iter().all(|n| *n == Vec3::Z));
+        (scene.cloud.len(), scene.cloud.areas.iter().sum::<f32>())
+    };
+    let general = |mesh| SceneOptions {
+        points: Some(77),
+        mesh,
+        ..SceneOptions::default()
+    };
+    // An area of 2, or of 50 where it is scaled: 5000 squares of 0.1.
+    let obj = "[[cloud]]\nfile = 'tile.obj'\n";
+    let ply = "[[cloud]]\nfile = 'tile.ply'\n";
+    let scaled = format!("{obj}scale = 5\nspacing = 0.1");
+    for (text, options, points, area) in [
+        (obj.to_owned(), SceneOptions::default(), 20_000, 2.0),
+        (obj.to_owned(), general(false), 77, 2.0),
+        (format!("{obj}points = 8"), general(false), 8, 2.0),
+        (scaled, general(false), 5000, 50.0),
+        (ply.to_owned(), SceneOptions::default(), 3, 0.0),
+        (ply.to_owned(), general(true), 77, 2.0),
+        (format!("{ply}mesh = true"), general(false), 77, 2.0),
+    ] {
+        let (count, sum) = load(&text, options);
+        assert_eq!(count, points, "{text}");
+        assert!((sum - area).abs() <= 1e-4 * area, "{text}: {sum}"); // a sum in f32
+    }
+}
+
+#[test]
 fn bad_requests_are_refused_in_words() {
     let text = format!("[[shape]]\n{BLOCK}");
     assert!(matches!(load_text(&text, 0), Err(Error::Usage(_))));
     assert!(matches!(load_text(&text, 5), Err(Error::Usage(m)) if m.contains("too few")));
     let trillion = load_text(&text, 1_000_000_000_000);
     assert!(matches!(trillion, Err(Error::TooLarge(_))));
-    // The number of points is for shapes.
-    let cloud = load_text("[[cloud]]\nfile = \"a.ply\"", 100);
-    assert!(matches!(cloud, Err(Error::Usage(m)) if m.contains("built-in shapes")));
-
+    // The number of points is for surfaces.
     let folder = tempfile::tempdir().unwrap();
+    let scan = folder.path().join("a.xyz");
+    fs::write(&scan, "1 2 3\n").unwrap();
+    let text = format!("[[cloud]]\nfile = {scan:?}");
+    let cloud = load_text(&text, 100);
+    assert!(matches!(cloud, Err(Error::Usage(m)) if m.contains("built-in shapes and meshes")));
+
     let missing = folder.path().join("none.toml");
     let load = |path: &Path| Scene::load(path, &SceneOptions::default(), &Silent);
     assert!(matches!(load(&missing), Err(Error::Io { path, .. }) if path == missing));

@@ -115,21 +115,31 @@ impl Report {
         if !self.fields.is_empty() {
             lines.push(format!("  fields    {}", self.fields.join(" ")));
         }
-        if let Some([min, max]) = survey.bounds.map(|ends| ends.map(DVec3::from)) {
-            lines.push(format!("  box       {min} .. {max}"));
-            lines.push(format!("  size      {}", max - min));
+        let bounds = survey.bounds.map(|ends| ends.map(DVec3::from));
+        let [min, max] = bounds.unwrap_or_default();
+        let digits = decimals((max - min).max_element());
+        let place = |p: DVec3| format!("{:.digits$} {:.digits$} {:.digits$}", p.x, p.y, p.z);
+        if bounds.is_some() {
+            lines.push(format!("  box       {} .. {}", place(min), place(max)));
+            lines.push(format!("  size      {}", place(max - min)));
         }
         if let Some(spacing) = survey.spacing {
             lines.push(format!(
                 "  spacing   {spacing:.3e}, to the nearest point (median)"
             ));
         }
-        for place in &survey.scanners {
-            lines.push(format!("  scanner   {}", DVec3::from(*place)));
+        for &scanner in &survey.scanners {
+            lines.push(format!("  scanner   {}", place(scanner.into())));
         }
         for (word, texts) in [("repaired", &self.repairs), ("note", &self.notes)] {
             lines.extend(texts.iter().map(|text| format!("  {word:<9} {text}")));
         }
         lines.join("\n")
     }
+}
+
+/// Digits behind the point that resolve a ten-thousandth of a length.
+fn decimals(length: f64) -> usize {
+    let whole = length.max(f64::MIN_POSITIVE).log10().floor();
+    (4.0 - whole).clamp(0.0, 12.0) as usize
 }
