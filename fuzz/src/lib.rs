@@ -53,3 +53,13 @@ fn check(scan: &Scan) {
     }
     assert!(cloud.scanners.iter().all(|s| s.points.end <= n));
 }
+
+/// An E57 file whose pages of 1024 bytes have the checksums at their ends that they should have.
+pub fn sealed(content: &[u8]) -> Vec<u8> {
+    let mut bytes = content.to_vec();
+    for page in bytes.chunks_exact_mut(1024) {
+        let (data, sum) = page.split_at_mut(1020);
+        sum.copy_from_slice(&crc32c::crc32c(data).to_be_bytes());
+    }
+    bytes
+}

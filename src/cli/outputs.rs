@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use fmmgi_gpu::output::check_writable;
+use fmmgi_gpu::output::{Format, check_writable};
 use fmmgi_gpu::{Error, Result};
 
 /// The names of all inputs, as one for messages.
@@ -28,6 +28,17 @@ pub fn check(inputs: &[PathBuf], outputs: &[&Path]) -> Result<()> {
         check_writable(output)?;
     }
     Ok(())
+}
+
+/// Fails if the ending of an output that is PLY stands for another format.
+pub fn check_ply(output: &Path) -> Result<()> {
+    match Format::of(output) {
+        Ok(Format::Ply) => Ok(()),
+        _ => Err(Error::Usage(format!(
+            "{}: painted points are written as PLY, so the name must end with .ply",
+            output.display()
+        ))),
+    }
 }
 
 /// Fails if an output is a file that is read.

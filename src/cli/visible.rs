@@ -96,6 +96,9 @@ pub fn run(args: &Args) -> Result<Done> {
         .filter_map(Option::as_deref)
         .collect();
     outputs::check(&args.inputs, &files)?;
+    if let Some(path) = &args.output {
+        outputs::check_ply(path)?;
+    }
     let chosen = backend::choose(args.backend, args.adapter.as_deref(), Method::Fmm)?;
     terminal::stop_on_ctrl_c();
     let progress = Terminal::new(args.quiet, args.verbose);

@@ -1,0 +1,60 @@
+//! `fmmgi-gpu solve -o` from outside: the ending says the format.
+
+mod program;
+
+use std::fs;
+
+use fmmgi_gpu::progress::Silent;
+use fmmgi_gpu::scan;
+use program::{fails, folder, run};
+
+#[test]
+fn endings_say_the_format() {
+    let folder = folder();
+    let input = scan::read(&folder.path().join("scan.ply"), &Silent).unwrap();
+    for (name, magic) in [
+        ("lit.ply", "ply\n"),
+        ("lit", "ply\n"),
+        ("lit.las", "LASF"),
+        ("lit.laz", "LASF"),
+        ("lit.csv", "x,y,z,nx,ny,nz,red"),
+        ("lit.npy", "NUMPY"),
+    ] {
+        run(
+            folder.path(),
+            &format!("solve scan.ply --sky 1 --backend cpu -o {name}"),
+        )
+        .success();
+        let path = folder.path().join(name);
+        let head = fs::read(&path).unwrap();
+        assert!(
+            String::from_utf8_lossy(&head[..30]).contains(magic),
+            "{name}"
+        );
+        if !name.ends_with("npy") {
+            let back = scan::read(&path, &Silent).unwrap();
+            for (p, q) in back.positions.iter().zip(&input.positions) {
+                assert!((*p - *q).length() < 1e-8, "{name}: {p}");
+            }
+        }
+    }
+}
+
+#[test]
+fn other_endings_are_refused_before_the_work() {
+    let folder = folder();
+    // The input is not even looked at.
+    fs::write(folder.path().join("broken.ply"), "no scan").unwrap();
+    fails(
+        &folder,
+        "solve broken.ply -o lit.obj",
+        2,
+        "lit.obj: points can be written to files",
+    );
+    fails(
+        &folder,
+        "visible broken.ply --from 0,0,0 -o seen.laz",
+        2,
+        "must end with .ply",
+    );
+}
