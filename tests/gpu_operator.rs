@@ -147,11 +147,8 @@ fn a_map_is_that_of_the_cpu() {
     let options = Options {
         method: Method::Fmm,
         occlusion: Occlusion::Surfels,
-        tolerance: None,
-        order: None,
-        max_bounces: None,
-        rays: None,
         seed: 1,
+        ..Options::default()
     };
     let on_device = Backend::Gpu {
         device: &gpu().device,

@@ -32,10 +32,9 @@ fn solve(name: &str, scene: &Scene, method: Method, max_bounces: Option<u32>) ->
         method,
         occlusion: Occlusion::Surfels,
         tolerance: Some(0.01),
-        order: None,
         max_bounces,
-        rays: None,
         seed: 1,
+        ..Options::default()
     };
     let lit = illuminate(scene, &options, Backend::Cpu, &Silent).unwrap();
     let stats = &lit.stats;

@@ -31,11 +31,9 @@ fn solve(scene: &Scene, method: Method, max_bounces: Option<u32>) -> Illuminatio
     let options = Options {
         method,
         occlusion: Occlusion::Surfels,
-        tolerance: None,
-        order: None,
         max_bounces,
-        rays: None,
         seed: 1,
+        ..Options::default()
     };
     let result = illuminate(scene, &options, Backend::Cpu, &Silent).unwrap();
     assert!(result.stats.converged);
