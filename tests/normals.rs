@@ -3,13 +3,13 @@
 mod clouds;
 
 use std::f64::consts::{PI, TAU};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clouds::*;
 use fmmgi_gpu::points::Facing;
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
-use fmmgi_gpu::{PointCloud, Scene};
+use fmmgi_gpu::{PointCloud, Scene, scan};
 use glam::{DVec2, DVec3, Vec3};
 use rand::RngExt;
 
@@ -174,6 +174,25 @@ fn measured(cloud: &PointCloud, area: f64, facing: &Facing) -> Found {
     }
 }
 
+impl Found {
+    fn print(&self, what: &str) {
+        println!(
+            "{what:28}: median {:5.2} p95 {:6.2} degrees, wrong signs {:6.3}%, area {:+.1}%",
+            self.median,
+            self.p95,
+            100.0 * self.wrong,
+            100.0 * self.area
+        );
+    }
+}
+
+/// Medians in degrees of noise 0, 0.1, 0.5 and 1 spacings. Measured: 0.4, 1.4, 3.1 and 5.1 on a sphere,
+/// 0, 1.4, 3.7 and 6.4 in cornell. By theory a plane through k points of noise σ at spacing s tilts by
+/// σ/s 2√π / k: 0.8 degrees for 0.1 and 25 points, 3.2 for 1 and 64.
+const MEDIANS: [(f64, f64); 4] = [(0.0, 0.5), (0.1, 1.8), (0.5, 4.5), (1.0, 8.0)];
+
+// Measured: wrong signs 0.01, 0.11, 0.11 and 0.13% at most, but 0.2 to 1.7% on the wall; areas within
+// 1.6, 2, 3.1 and 5%.
 #[test]
 fn noise_tilts_normals_no_more_than_it_must() {
     for Shape {
@@ -184,15 +203,224 @@ fn noise_tilts_normals_no_more_than_it_must() {
     } in shapes()
     {
         let spacing = (area / cloud.len() as f64).sqrt();
-        for noise in [0.0, 0.1, 0.5, 1.0] {
+        for (noise, median) in MEDIANS {
             let found = measured(&shaken(&cloud, noise * spacing, 5), area, &facing);
-            println!(
-                "{name:18} noise {noise:3}: median {:5.2} p95 {:6.2} degrees, wrong signs {:6.3}%, area {:+.1}%",
-                found.median,
-                found.p95,
-                100.0 * found.wrong,
-                100.0 * found.area
+            found.print(&format!("{name}, noise {noise}"));
+            // Two sides nearer than the noise are one.
+            if name.starts_with("wall") && noise >= 0.5 {
+                continue;
+            }
+            // The cave's 30,000 points do not resolve its relief, the torus' lie anywhere.
+            let rough = match name {
+                "cave" => 12.0,
+                "torus" | "wall, 2 spacings" => 2.0,
+                _ => 0.0,
+            };
+            assert!(found.median < median + rough);
+            let wrong = if name == "cave" { 0.04 } else { 0.003 };
+            assert!(
+                found.wrong
+                    < if name.starts_with("wall") {
+                        0.03
+                    } else {
+                        wrong
+                    }
             );
+            assert!(found.area.abs() < if noise < 0.5 { 0.035 } else { 0.07 });
         }
+    }
+}
+
+/// The part of the cloud for which this holds.
+fn part(cloud: &PointCloud, keep: impl Fn(usize) -> bool) -> PointCloud {
+    let order: Vec<usize> = (0..cloud.len()).filter(|&i| keep(i)).collect();
+    permuted(cloud, &order)
+}
+
+#[test]
+fn density_may_jump() {
+    for ratio in [10.0, 100.0] {
+        let mut rng = random(1);
+        let mut keep = |sparse: bool| !sparse || rng.random_range(0.0..ratio) < 1.0;
+        let whole = sphere(60_000, 1.0, false, 1);
+        let kept: Vec<bool> = whole.positions.iter().map(|p| keep(p.z < 0.3)).collect();
+        let ball = part(&whole, |i| kept[i]);
+        let whole = cube(100, 1.0, false, 1);
+        let kept: Vec<bool> = whole
+            .positions
+            .iter()
+            .map(|p| keep(p.x + p.y < 0.9))
+            .collect();
+        let cube = part(&whole, |i| kept[i]);
+        for (name, cloud, area) in [("sphere", ball, 4.0 * PI), ("box", cube, 6.0)] {
+            let found = measured(&cloud, area, &Facing::Outward);
+            found.print(&format!("{name}, density 1:{ratio}"));
+            assert!(found.median < 0.6 && found.p95 < 12.0);
+            assert!(found.wrong < 0.003 && found.area.abs() < 0.04);
+        }
+    }
+}
+
+#[test]
+fn holes_and_strays_change_little() {
+    let mut rng = random(3);
+    let whole = sphere(20_000, 1.0, false, 1);
+    let holes: Vec<DVec3> = (0..6).map(|_| direction(&mut rng)).collect();
+    let holed = part(&whole, |i| {
+        holes.iter().all(|h| h.distance(whole.positions[i]) > 0.3)
+    });
+    let area = 4.0 * PI * holed.len() as f64 / whole.len() as f64;
+    let found = measured(&holed, area, &Facing::Outward);
+    found.print("sphere with holes");
+    assert!(found.median < 0.5 && found.wrong == 0.0 && found.area.abs() < 0.02);
+
+    for (name, clean, area) in [
+        ("sphere", whole, 4.0 * PI),
+        ("box", cube(58, 1.0, false, 1), 6.0),
+    ] {
+        let n = clean.len();
+        let mut cloud = clean.clone();
+        for _ in 0..n / 100 {
+            let place = DVec3::new(rng.random(), rng.random(), rng.random()) * 3.0 - 1.0;
+            cloud.positions.push(place);
+            cloud.normals.push(Vec3::Z);
+            cloud.reflectance.push(Vec3::splat(0.5));
+            cloud.emission.push(Vec3::ZERO);
+        }
+        let bare = without_normals(&cloud, &Facing::Outward);
+        let prepared = prepare(&bare);
+        let own = |i: usize| {
+            prepared.surfel_of_point[i]
+                .is_some_and(|s| prepared.surfels.points[s as usize] == i as u32)
+        };
+        let lost = (0..n).filter(|&i| !own(i)).count() as f64 / n as f64;
+        let left = (n..cloud.len()).filter(|&i| own(i)).count() as f64 / (n / 100) as f64;
+        let sum: f64 = prepared.surfels.areas.iter().map(|&a| f64::from(a)).sum();
+        let wrong = (0..n)
+            .filter(|&i| bare.normals[i].dot(clean.normals[i]) < 0.5)
+            .count() as f64
+            / n as f64;
+        println!(
+            "{name} with 1% strays: {:.1}% of them left, {:.3}% of the surface lost, area {:+.1}%, {:.3}% \
+             of the normals off by more than 60 degrees",
+            100.0 * left,
+            100.0 * lost,
+            100.0 * (sum / area - 1.0),
+            100.0 * wrong
+        );
+        assert!(left < 0.15 && lost < 0.002);
+        assert!((sum / area - 1.0).abs() < 0.03 && wrong < 0.003);
+    }
+}
+
+/// Without a word the outside of an object is found, and the inside of a room with things in it; told,
+/// or seen from a place, normals point there.
+#[test]
+fn the_lit_side_is_found() {
+    let bare = |mut cloud: PointCloud| {
+        take_area(&mut cloud);
+        cloud
+    };
+    for (name, cloud) in [
+        ("sphere", sphere(4000, 1.0, false, 1)),
+        ("torus", torus(6000, 1)),
+        ("room with boxes", bare(built_in("cornell", 10_000))),
+        ("room with bodies", bare(built_in("organic", 10_000))),
+    ] {
+        let wrong = measured(&cloud, 1.0, &Facing::Auto).wrong;
+        println!("{name}: {:.3}% wrong", 100.0 * wrong);
+        assert!(wrong < 0.002, "{name}");
+    }
+    let inside = sphere(4000, 1.0, true, 1);
+    for facing in [Facing::Inward, Facing::Viewpoint(DVec3::new(0.5, 0.2, 0.1))] {
+        assert_eq!(measured(&inside, 1.0, &facing).wrong, 0.0);
+    }
+    let floor = quad(DVec3::ZERO, DVec3::X, DVec3::Y, 30, 0.8, 1);
+    assert_eq!(measured(&floor, 1.0, &Facing::Auto).wrong, 0.0);
+    let below = Facing::Viewpoint(DVec3::new(0.4, 0.4, -2.0));
+    assert_eq!(measured(&floor, 1.0, &below).wrong, 1.0);
+}
+
+/// Points that have normals keep them to the bit, and the others point to the same side.
+#[test]
+fn given_normals_stay() {
+    for inside in [true, false] {
+        let whole = sphere(4000, 1.0, inside, 1);
+        let mut some = whole.clone();
+        some.normals
+            .iter_mut()
+            .skip(100)
+            .for_each(|n| *n = Vec3::ZERO);
+        some.estimate_normals(&Facing::Auto, &Silent).unwrap();
+        assert_eq!(some.normals[..100], whole.normals[..100]);
+        let agree = |(a, b): (&Vec3, &Vec3)| a.dot(*b) > 0.95;
+        assert!(some.normals.iter().zip(&whole.normals).all(agree));
+        let mut all = whole.clone();
+        all.estimate_normals(&Facing::Auto, &Silent).unwrap();
+        assert_eq!(all.normals, whole.normals);
+        assert!(all.repairs.is_empty());
+    }
+}
+
+#[test]
+fn the_number_of_threads_does_not_matter() {
+    let mut cloud = shaken(&cube(30, 1.0, false, 1), 0.01, 1);
+    cloud.normals.clear();
+    let estimated = || {
+        let mut cloud = cloud.clone();
+        cloud.estimate_normals(&Facing::Auto, &Silent).unwrap();
+        cloud.normals
+    };
+    let single = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap();
+    assert_eq!(estimated(), single.install(estimated));
+}
+
+/// Lines, planes of points at one place, a single point: no panic, no normal that is none.
+#[test]
+fn odd_clouds_have_normals_or_none() {
+    let line = |k: usize| DVec3::X * k as f64;
+    for places in [
+        vec![],
+        vec![DVec3::ONE],
+        vec![DVec3::ONE; 50],
+        vec![DVec3::ZERO, DVec3::ONE],
+        (0..100).map(line).collect(),
+        (0..100)
+            .map(|k| DVec3::splat(f64::NAN) * k as f64)
+            .collect(),
+    ] {
+        let mut cloud = cloud(places.into_iter().map(|p| (p, DVec3::ZERO)));
+        if cloud.estimate_normals(&Facing::Auto, &Silent).is_ok() {
+            let sound = |n: &Vec3| n.is_normalized() || *n == Vec3::ZERO;
+            assert!(cloud.normals.iter().all(sound), "{:?}", cloud.normals);
+        }
+    }
+}
+
+/// Against normals that scans bring along: those of the cave come from a mesh, oni's from its makers;
+/// the lion's have 8 bits and lie 7 degrees off the planes of their neighbours.
+#[test]
+fn normals_of_scans_are_found_again() {
+    let folder = std::env::var_os("FMMGI_SCANS").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/scans"),
+        PathBuf::from,
+    );
+    for (name, facing, median, wrong) in [
+        ("cave_banba.ply", Facing::Inward, 12.0, 0.02),
+        ("lion_statue_normals.ply", Facing::Auto, 11.0, 0.03),
+        ("oni.xyz", Facing::Auto, 12.0, 0.02),
+    ] {
+        let path = folder.join(name);
+        if !path.exists() {
+            println!("NOT RUN: {} is not present", path.display());
+            continue;
+        }
+        let cloud = scan::read(&path, &Silent).unwrap();
+        let found = measured(&cloud, 1.0, &facing);
+        found.print(name);
+        assert!(found.median < median && found.wrong < wrong);
     }
 }

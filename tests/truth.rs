@@ -31,7 +31,6 @@ fn solve(scene: &Scene, method: Method, max_bounces: Option<u32>) -> Illuminatio
     let options = Options {
         method,
         occlusion: Occlusion::Surfels,
-        tolerance: None,
         max_bounces,
         seed: 1,
         ..Options::default()

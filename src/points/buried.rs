@@ -16,8 +16,10 @@ const BACKS: f64 = 1.0 / 3.0;
 const NEAR: f32 = 3.0;
 /// Surfels that are looked at first.
 const SAMPLE: usize = 2000;
-/// If no larger part of them is buried, none of the others is looked at.
+/// If a smaller part of them is buried, none of the others is looked at.
 const FEW: f64 = 0.002;
+/// If a larger part is, there are no bodies to be inside of: the surface is full of holes.
+const MANY: f64 = 0.1;
 
 /// Indices of surfels that mostly see the backs of others: those inside of bodies and behind walls. They
 /// would not only be lit wrongly, but spoil the visibility that they share with their neighbours.
@@ -28,7 +30,8 @@ pub fn buried(surfels: &Surfels, occluders: &Occluders) -> Vec<u32> {
     let step = n.div_ceil(SAMPLE).max(1);
     let sample = (0..n as u32).into_par_iter().step_by(step);
     let looked_at = n.div_ceil(step);
-    if sample.filter(is_buried).count() as f64 <= FEW * looked_at as f64 {
+    let share = sample.filter(is_buried).count() as f64 / looked_at as f64;
+    if !(FEW..=MANY).contains(&share) {
         return Vec::new();
     }
     (0..n as u32).into_par_iter().filter(is_buried).collect()

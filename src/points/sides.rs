@@ -26,6 +26,8 @@ const RAYS: u64 = 16;
 /// The outside of an object is seen from outside; where more than this part of it is not, the cloud is a
 /// room with something in it.
 const UNSEEN: f64 = 0.15;
+/// Ground is a surface whose area, seen from above, is more than this part of the whole.
+const GROUND: f64 = 0.25;
 /// Shares that differ by less do not tell the sides apart.
 const ALIKE: f64 = 0.05;
 
@@ -102,11 +104,13 @@ fn of_largest(
         .clone()
         .fold((DVec3::ZERO, 0.0), |(s, c), i| (s + place(i), c + 1.0));
     let middle = sum / count;
-    let (mut flow, mut up) = (0.0, 0.0);
+    let (mut flow, mut up, mut area) = (0.0, 0.0, 0.0);
     for i in points {
-        let normal = local[i].normal.as_dvec3() * f64::from(local[i].spacing).powi(2);
+        let size = f64::from(local[i].spacing).powi(2);
+        let normal = local[i].normal.as_dvec3() * size;
         flow += normal.dot(place(i) - middle);
         up += normal.z;
+        area += size;
     }
     const INWARD: &str = "turned inward as in a room (--normals outward turns them)";
     const OUTWARD: &str = "turned outward as on an object (--normals inward turns them)";
@@ -128,17 +132,18 @@ fn of_largest(
             if outward { OUTWARD } else { INWARD },
         );
     }
-    if (escaped[0] - escaped[1]).abs() > ALIKE {
-        // An open surface: a scanner stands where it is hollow.
-        let told =
-            "turned to the hollow side (--normals viewpoint:X,Y,Z tells where it was seen from)";
-        return (escaped[0] > escaped[1], false, told);
-    }
-    (
-        up < 0.0,
-        true,
-        "turned up (--normals viewpoint:X,Y,Z tells where it was seen from)",
-    )
+    // An open surface: ground, or what a scanner saw around it.
+    let told = match up.abs() > GROUND * area {
+        true => "turned up (--normals viewpoint:X,Y,Z tells where it was seen from)",
+        false => {
+            "turned to the hollow side (--normals viewpoint:X,Y,Z tells where it was seen from)"
+        }
+    };
+    let flip = match up.abs() > GROUND * area {
+        true => up < 0.0,
+        false => escaped[0] > escaped[1],
+    };
+    (flip, false, told)
 }
 
 /// Rays from one side of a part that meet another one.
