@@ -1,6 +1,7 @@
 //! The main job: scene in, illumination map and what it took out.
 
 pub mod checks;
+mod even;
 mod rays;
 pub mod stats;
 mod task;

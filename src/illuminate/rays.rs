@@ -59,7 +59,7 @@ impl Task<'_> {
         let first = wanted.unwrap_or(FIRST_RAYS).next_power_of_two();
         let check_memory = |rays| memory::check_rays(self.surfels.len(), rays, memory::available());
         check_memory(first)?;
-        let lights = self.direct_light(repairs)?;
+        let lights = self.direct_light(None, repairs)?;
         let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
         let dark = lights.iter().all(|h| *h == DVec3::ZERO);
         if black || dark || self.max_bounces == Some(0) {

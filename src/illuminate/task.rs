@@ -7,6 +7,7 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 
 use super::checks::Checked;
+use super::even::even;
 use super::rays::Rays;
 use super::work::{Bounced, Work};
 use crate::error::Result;
@@ -17,6 +18,7 @@ use crate::operator::{Direct, Fields, TransportOperator};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::smoothing::Smoother;
 use crate::solve::{Ended, Stop};
 use crate::visibility::{Counted, PointVisibility, Visibility};
 
@@ -123,7 +125,13 @@ impl Task<'_> {
     /// Lights per surfel, then links for what is reflected: rough ones first, whose solution says
     /// where light is strong and where it is weak, then those that keep the tolerance.
     pub fn fmm(&self, repairs: &mut Vec<String>, solve: Solve) -> Result<Solved> {
-        let lights = self.direct_light(repairs)?;
+        let (surfels, visibility, progress) = (self.surfels, self.visibility, self.progress);
+        // What nothing can be in the way of is not sampled.
+        let smoother = match visibility.is_open() {
+            true => None,
+            false => Some(Smoother::new(surfels, visibility, progress)?),
+        };
+        let lights = self.direct_light(smoother.as_ref(), repairs)?;
         let reflectance = || self.surfels.reflectance.iter().map(|r| r.as_dvec3());
         let ambient: DVec3 = lights.iter().sum::<DVec3>() / lights.len() as f64;
         let guess: Vec<DVec3> = lights
@@ -159,7 +167,10 @@ impl Task<'_> {
         };
         let fine = self.accuracy(&rough.reflected, Some(&rough.irradiance), allowed);
         let work = self.work(&lights, Some(&rough.reflected), self.stop());
-        let (links, fine) = run(&fine, &work)?;
+        let (links, mut fine) = run(&fine, &work)?;
+        if let Some(smoother) = &smoother {
+            fine = even(fine, surfels, smoother, &lights, self.tolerance);
+        }
         Ok(Solved {
             irradiance: fine.irradiance,
             ended: fine.ended,
@@ -178,17 +189,24 @@ impl Task<'_> {
         }
     }
 
-    /// Point lights, sky and emitters.
-    pub(super) fn direct_light(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {
+    /// Point lights, sky and emitters; the penumbras of emitters are smoothed if there is a smoother.
+    pub(super) fn direct_light(
+        &self,
+        smoother: Option<&Smoother>,
+        repairs: &mut Vec<String>,
+    ) -> Result<Vec<DVec3>> {
         let mut lights = self.lights(repairs)?;
-        let emitted = lights::emitters(
+        let mut emitted = lights::emitted(
             self.surfels,
             self.tolerance,
             self.seed,
             self.visibility,
             self.progress,
         )?;
-        for (light, emitted) in lights.iter_mut().zip(emitted) {
+        if let Some(smoother) = smoother {
+            emitted.smooth(smoother);
+        }
+        for (light, emitted) in lights.iter_mut().zip(emitted.irradiance()) {
             *light += emitted;
         }
         Ok(lights)

@@ -10,4 +10,5 @@ mod surfels;
 
 pub use cells::{Cells, MAX_EDGES};
 pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
+pub(crate) use neighbours::Neighbours;
 pub use surfels::{Prepared, Surfels};

@@ -16,7 +16,7 @@ pub(super) struct Neighbour {
 }
 
 /// The points in a tree.
-pub(super) struct Neighbours<'a> {
+pub(crate) struct Neighbours<'a> {
     positions: &'a [Vec3],
     tree: ImmutableKdTree<f32, 3>,
 }
@@ -31,19 +31,29 @@ impl<'a> Neighbours<'a> {
 
     /// Puts the `count` nearest neighbours of point i into `near`, nearest first, with their
     /// normals; less those at the place of the point itself.
-    pub fn find(&self, i: usize, count: usize, normals: &[Vec3], near: &mut Vec<Neighbour>) {
+    pub(super) fn find(
+        &self,
+        i: usize,
+        count: usize,
+        normals: &[Vec3],
+        near: &mut Vec<Neighbour>,
+    ) {
+        near.clear();
+        near.extend(self.nearest(i, count).map(|(j, _)| Neighbour {
+            offset: (self.positions[j] - self.positions[i]).as_dvec3(),
+            normal: normals[j].as_dvec3(),
+        }));
+    }
+
+    /// The `count` nearest neighbours of point i, nearest first, with the squares of their distances;
+    /// less those at the place of the point itself.
+    pub fn nearest(&self, i: usize, count: usize) -> impl Iterator<Item = (usize, f32)> {
         let found = self
             .tree
             .query(&self.positions[i].to_array())
             .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(count))
             .execute();
-        near.clear();
-        for item in found.iter().filter(|item| item.distance > 0.0) {
-            let j = item.item as usize;
-            near.push(Neighbour {
-                offset: (self.positions[j] - self.positions[i]).as_dvec3(),
-                normal: normals[j].as_dvec3(),
-            });
-        }
+        let others = found.into_iter().filter(|item| item.distance > 0.0);
+        others.map(|item| (item.item as usize, item.distance))
     }
 }
