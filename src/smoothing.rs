@@ -170,6 +170,11 @@ impl<'a> Smoother<'a> {
         values: &[DVec3],
         limit: &impl Fn(usize, DVec3, DVec3) -> f64,
     ) -> DVec3 {
+        // In full light and in full shadow there is nothing to do.
+        let same = |j: u32| values[j as usize] == values[i];
+        if self.neighbours[i].into_iter().all(same) {
+            return DVec3::ZERO;
+        }
         let s = self.surfels;
         let (normal, tangent) = (s.normals[i], s.cells.tangents[i]);
         let bitangent = normal.cross(tangent);

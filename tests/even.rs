@@ -114,7 +114,9 @@ fn what_is_apart_stays_apart() {
     }
     // Light of 1 beside darkness, with a limit of a twentieth.
     let s = surfels(&square(40, 0.5));
-    let (before, after) = smooth(&s, 0.05, |i| DVec3::splat(f64::from(s.positions[i].x > 0.0)));
+    let (before, after) = smooth(&s, 0.05, |i| {
+        DVec3::splat(f64::from(s.positions[i].x > 0.0))
+    });
     let off = farthest(&before, &after);
     println!("edge of light: off by {off:.1e}");
     // A neighbour counts (1 + 3 · 20²)⁻² = 7e-7.
@@ -185,6 +187,11 @@ fn small_clouds_keep_their_accuracy() {
             found.rel_l2, found.bias
         );
         assert!(found.rel_l2 < bound);
-        assert!(fast.map.irradiance.iter().all(|h| h.cmpge(Vec3::ZERO).all()));
+        assert!(
+            fast.map
+                .irradiance
+                .iter()
+                .all(|h| h.cmpge(Vec3::ZERO).all())
+        );
     }
 }

@@ -34,7 +34,10 @@ pub(super) fn even(
     let smooth = smoother.smooth(&reflected, limit);
     let power = |light: &[DVec3]| -> DVec3 {
         let areas = surfels.areas.iter();
-        areas.zip(light).map(|(&area, h)| f64::from(area) * *h).sum()
+        areas
+            .zip(light)
+            .map(|(&area, h)| f64::from(area) * *h)
+            .sum()
     };
     let ratio = power(&reflected) / power(&smooth);
     let ratio = DVec3::select(ratio.is_finite_mask(), ratio, DVec3::ONE);

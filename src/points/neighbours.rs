@@ -31,13 +31,7 @@ impl<'a> Neighbours<'a> {
 
     /// Puts the `count` nearest neighbours of point i into `near`, nearest first, with their
     /// normals; less those at the place of the point itself.
-    pub(super) fn find(
-        &self,
-        i: usize,
-        count: usize,
-        normals: &[Vec3],
-        near: &mut Vec<Neighbour>,
-    ) {
+    pub(super) fn find(&self, i: usize, count: usize, normals: &[Vec3], near: &mut Vec<Neighbour>) {
         near.clear();
         near.extend(self.nearest(i, count).map(|(j, _)| Neighbour {
             offset: (self.positions[j] - self.positions[i]).as_dvec3(),

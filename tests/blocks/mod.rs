@@ -31,9 +31,7 @@ impl Wall {
         for &i in wall.iter().step_by(step) {
             let distance = |j: usize| s.positions[i].distance_squared(s.positions[j]);
             let mut others: Vec<usize> = wall.iter().copied().filter(|&j| j != i).collect();
-            others.select_nth_unstable_by(NEIGHBOURS, |&a, &b| {
-                distance(a).total_cmp(&distance(b))
-            });
+            others.select_nth_unstable_by(NEIGHBOURS, |&a, &b| distance(a).total_cmp(&distance(b)));
             pairs.extend(others[..NEIGHBOURS].iter().map(|&j| (i, j)));
         }
         let mut receivers: Vec<usize> = pairs.iter().flat_map(|&(i, j)| [i, j]).collect();
@@ -58,9 +56,8 @@ impl Wall {
             let (found, exact) = self.light[&i];
             (found - exact).element_sum()
         };
-        let difference = |&(i, j): &(usize, usize)| {
-            (error(i) - error(j)).abs() / self.light[&i].1.element_sum()
-        };
+        let difference =
+            |&(i, j): &(usize, usize)| (error(i) - error(j)).abs() / self.light[&i].1.element_sum();
         let mut differences: Vec<f64> = self.pairs.iter().map(difference).collect();
         differences.sort_unstable_by(f64::total_cmp);
         differences[differences.len() * 99 / 100]
