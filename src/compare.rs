@@ -87,6 +87,18 @@ pub fn compare(a: &[Vec3], b: &[Vec3]) -> Result<Comparison> {
     })
 }
 
+/// The signed relative difference of each point, by the sums of the channels:
+/// (Σa - Σb) / max(Σb, 0.01 mean Σb).
+pub fn differences(a: &[Vec3], b: &[Vec3]) -> Vec<f32> {
+    let sums = b.iter().map(|b| f64::from(b.element_sum()));
+    let floor = (DARK * sums.sum::<f64>() / b.len() as f64).max(f64::MIN_POSITIVE) as f32;
+    let pairs = a
+        .iter()
+        .zip(b)
+        .map(|(a, b)| (a.element_sum(), b.element_sum()));
+    pairs.map(|(a, b)| (a - b) / b.max(floor)).collect()
+}
+
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(
@@ -105,6 +117,13 @@ impl fmt::Display for Comparison {
 /// Those of reading, and [`Error::Input`] if a file has no irradiance or the two do not hold the
 /// same points in the same order.
 pub fn compare_files(a: &Path, b: &Path, progress: &dyn Progress) -> Result<Comparison> {
+    let (light_a, light_b) = read_pair(a, b, progress)?;
+    compare(&light_a, &light_b)
+        .map_err(|e| Error::Invalid(format!("{} against {}: {e}", a.display(), b.display())))
+}
+
+/// The irradiance in two files of the same points in the same order.
+pub fn read_pair(a: &Path, b: &Path, progress: &dyn Progress) -> Result<(Vec<Vec3>, Vec<Vec3>)> {
     let (places_a, light_a) = read_irradiance(a, progress)?;
     let (places_b, light_b) = read_irradiance(b, progress)?;
     if places_a.len() != places_b.len() {
@@ -139,8 +158,7 @@ pub fn compare_files(a: &Path, b: &Path, progress: &dyn Progress) -> Result<Comp
             ),
         ));
     }
-    compare(&light_a, &light_b)
-        .map_err(|e| Error::Invalid(format!("{} against {}: {e}", a.display(), b.display())))
+    Ok((light_a, light_b))
 }
 
 /// Positions and irradiance of a file that [`crate::output::write_ply`] wrote.
@@ -189,6 +207,17 @@ mod tests {
         assert!((c.median - 0.5).abs() < 1e-7);
         assert!((c.max - 2.0).abs() < 1e-6);
         assert!((c.bias - (3.52 / 3.0 - 1.0)).abs() < 1e-7);
+    }
+
+    #[test]
+    fn differences_have_signs() {
+        // Sums 3, 6, 0: mean 3, floor 0.03.
+        let b = [1.0, 2.0, 0.0].map(Vec3::splat);
+        let a = [1.5, 1.0, 0.001].map(Vec3::splat);
+        let found = differences(&a, &b);
+        for (found, expected) in found.into_iter().zip([0.5, -0.5, 0.1]) {
+            assert!((found - expected).abs() < 1e-6);
+        }
     }
 
     #[test]

@@ -44,6 +44,7 @@
 //! 3. [`octree`] sorts the surfels into *facets*: parts of space with normals of one direction.
 //! 4. [`visibility`] tests segments against the cells, in batches; [`lights`] finds the direct
 //!    light of each surfel with it.
+//!    [`smoothing`] takes off what is noise of samples, of shadows and of the light that links bring.
 //! 5. [`links`] decides which facet gives light to which, and measures how much of it gets
 //!    through. Far away, [`expansion`] stands for all surfels of a facet; nearby, surfels are
 //!    linked one by one. Where nothing stands in the way, [bounds alone](links::build_open()) make
@@ -80,6 +81,7 @@ pub mod points;
 
 // Who sees whom, and what comes straight from the lights.
 pub mod lights;
+pub mod smoothing;
 pub mod visibility;
 
 // Transport between surfels: what is linked, how it is applied.

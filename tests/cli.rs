@@ -491,6 +491,18 @@ fn a_scan_is_solved() {
         assert!((json[key].as_f64().unwrap() - 1.0).abs() < 1e-3, "{json}");
     }
     run(folder.path(), "compare a.ply a.ply").success();
+    // Twice as much, 0.5 being the darkest colour: all that is seen is dark red.
+    let args = "compare b.ply a.ply --image d.png --scale 0.5 --size 32x24";
+    let assert = run(folder.path(), args).success();
+    let told = String::from_utf8_lossy(&assert.get_output().stdout);
+    assert!(told.contains("50% more is dark red"), "{told}");
+    assert!(fs::read(path("d.png")).unwrap().starts_with(b"\x89PNG"));
+    fails(
+        &folder,
+        "compare b.ply a.ply --image a.ply",
+        2,
+        "overwritten",
+    );
     fails(
         &folder,
         "compare a.ply scan.ply",

@@ -7,7 +7,7 @@ mod relit;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use common::gpu;
-use fmmgi_gpu::links::{self, Accuracy, Kept, Links};
+use fmmgi_gpu::links::{self, Accuracy, Kept, Links, SLACK};
 use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Fmm, TransportOperator};
 use fmmgi_gpu::progress::Silent;
@@ -105,7 +105,8 @@ fn what_was_left_out_for_a_weak_light_is_found_for_a_strong_one() {
     };
     let mut kept = Kept::none(&octree, &surfels);
     for error in [1.0, 0.2, 0.01] {
-        kept.refine(&surfels, &octree, &accuracy(error), &visibility, &Silent)
+        let accuracy = accuracy(error);
+        kept.refine(&surfels, &octree, &accuracy, SLACK, &visibility, &Silent)
             .unwrap();
     }
     let fresh = links::build(&surfels, &octree, &accuracy(0.01), &visibility, &Silent).unwrap();

@@ -1,5 +1,6 @@
 //! Pictures of a cloud.
 
+use fmmgi_gpu::render::Image;
 use fmmgi_gpu::visibility::{CpuVisibility, Occluders};
 use fmmgi_gpu::{IlluminationMap, Progress, Result, Scene, Surfels, render};
 
@@ -14,6 +15,18 @@ pub fn take(
     exposure: f32,
     progress: &dyn Progress,
 ) -> Result<Vec<u8>> {
+    let image = take_image(scene, surfels, map, size, progress)?;
+    render::encode_png(&image, exposure)
+}
+
+/// The picture itself.
+pub fn take_image(
+    scene: &Scene,
+    surfels: &Surfels,
+    map: &IlluminationMap,
+    size: Size,
+    progress: &dyn Progress,
+) -> Result<Image> {
     let camera = match scene.camera {
         Some(camera) => camera,
         None => {
@@ -23,13 +36,12 @@ pub fn take(
             render::fit(&scene.cloud, surfels, &visibility, aspect)?
         }
     };
-    let image = render::picture(
+    render::picture(
         &scene.cloud,
         map,
         &camera,
         size.width,
         size.height,
         progress,
-    )?;
-    render::encode_png(&image, exposure)
+    )
 }

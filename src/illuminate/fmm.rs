@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
+use super::even::even;
 use super::linked::Linked;
 use super::model::{Lit, model_error};
 use super::task::{DirectLight, ROUGH_ERROR, ROUGH_RESIDUAL, Solved, Task, counts};
@@ -12,6 +13,7 @@ use super::work::{Bounced, Work};
 use crate::error::{Error, Result};
 use crate::links::{Links, SLACK};
 use crate::operator::Fmm;
+use crate::smoothing::Smoother;
 use crate::solve::Stop;
 use crate::visibility::Visibility;
 
@@ -55,7 +57,14 @@ impl Task<'_> {
             },
             lights: self.tolerance,
         };
-        let mut direct = self.direct_light(effort.lights, repairs)?;
+        let (surfels, visibility, progress) = (self.surfels, self.visibility, self.progress);
+        // What nothing can be in the way of is not sampled.
+        let smoother = match visibility.is_open() {
+            true => None,
+            false => Some(Smoother::new(surfels, visibility, progress)?),
+        };
+        let smoother = smoother.as_ref();
+        let mut direct = self.direct_light(effort.lights, smoother, repairs)?;
         let mut seconds = 0.0;
         let mut solve = |linked: &mut Linked, work: &Work| {
             let clock = Instant::now();
@@ -78,7 +87,18 @@ impl Task<'_> {
                 let accuracy = self.accuracy(&before.reflected, irradiance, effort.links);
                 linked.refine(self, &accuracy, if round == 0 { SLACK } else { 1.0 })?;
                 let start = Some(before.reflected.as_slice());
-                solve(linked, &self.work(&direct.irradiance, start, self.stop()))
+                let work = self.work(&direct.irradiance, start, self.stop());
+                let bounced = solve(linked, &work)?;
+                Ok(match smoother {
+                    None => bounced,
+                    Some(smoother) => even(
+                        bounced,
+                        surfels,
+                        smoother,
+                        &direct.irradiance,
+                        self.tolerance,
+                    ),
+                })
             });
             let found = match (found.transpose(), &best) {
                 (Err(Error::TooLarge(why)), Some(_)) => {
@@ -122,7 +142,7 @@ impl Task<'_> {
             effort = effort.refined(&verified, &history, self.visibility.is_open());
             before = found;
             if effort.lights < last.lights {
-                direct = self.direct_light(effort.lights, &mut Vec::new())?;
+                direct = self.direct_light(effort.lights, smoother, &mut Vec::new())?;
             }
         }
         Ok(Solved {

@@ -2,6 +2,7 @@
 
 mod amplified;
 pub mod checks;
+mod even;
 mod file;
 mod fmm;
 mod geometry;

@@ -60,7 +60,7 @@ impl Task<'_> {
         let first = wanted.unwrap_or(FIRST_RAYS).next_power_of_two();
         let check_memory = |rays| memory::check_rays(self.surfels.len(), rays, memory::available());
         check_memory(first)?;
-        let direct = self.direct_light(self.tolerance, repairs)?;
+        let direct = self.direct_light(self.tolerance, None, repairs)?;
         let lights = &direct.irradiance;
         let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
         let dark = lights.iter().all(|h| *h == DVec3::ZERO);

@@ -18,6 +18,7 @@ use crate::operator::{Direct, Fields, TransportOperator};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::smoothing::Smoother;
 use crate::solve::{Ended, Stop};
 use crate::visibility::{Counted, PointVisibility, Visibility};
 
@@ -132,22 +133,28 @@ impl Task<'_> {
         })
     }
 
-    /// Point lights, sky and emitters, the latter two sampled as a tolerance needs.
+    /// Point lights, sky and emitters, the latter two sampled as a tolerance needs; the penumbras of
+    /// emitters are smoothed if there is a smoother.
     pub(super) fn direct_light(
         &self,
         tolerance: f64,
+        smoother: Option<&Smoother>,
         repairs: &mut Vec<String>,
     ) -> Result<DirectLight> {
         let mut irradiance = self.point_lights(repairs)?;
         let mut sampled = self.sky(tolerance)?;
-        let emitted = lights::emitters(
+        let mut emitted = lights::emitted(
             self.surfels,
             tolerance,
             self.seed,
             self.visibility,
             self.progress,
         )?;
-        for ((light, sampled), emitted) in irradiance.iter_mut().zip(&mut sampled).zip(emitted) {
+        if let Some(smoother) = smoother {
+            emitted.smooth(smoother);
+        }
+        let lights = irradiance.iter_mut().zip(&mut sampled);
+        for ((light, sampled), emitted) in lights.zip(emitted.irradiance()) {
             *sampled += emitted;
             *light += *sampled;
         }

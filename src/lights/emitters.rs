@@ -18,6 +18,7 @@ use crate::passes::cpu::{m2m, p2m};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::random::{Purpose, stream};
+use crate::smoothing::Smoother;
 use crate::visibility::{Segment, Visibility};
 
 /// Segments a receiver.
@@ -30,7 +31,7 @@ const NEIGHBOURS: usize = 4;
 /// Order of the clusters' expansions.
 const ORDER: usize = 3;
 
-/// Irradiance from the surfels' emission.
+/// Irradiance from the surfels' emission, with the visible part as it was sampled.
 pub fn emitters(
     surfels: &Surfels,
     tolerance: f64,
@@ -38,22 +39,77 @@ pub fn emitters(
     visibility: &dyn Visibility,
     progress: &dyn Progress,
 ) -> Result<Vec<DVec3>> {
+    Ok(emitted(surfels, tolerance, seed, visibility, progress)?.irradiance())
+}
+
+/// Light from the surfels' emission.
+pub struct Emitted {
+    /// Irradiance if nothing is in the way.
+    unoccluded: Vec<DVec3>,
+    /// Part of it that arrives.
+    visible: Vec<DVec3>,
+    /// Standard deviation of a part of one half.
+    noise: f64,
+}
+
+/// Noises within which neighbours' visible parts are taken for the same (lengths of differences of
+/// three colours).
+const NOISES: f64 = 10.0;
+/// Least variance of a part, relative to that of one half: where few are in the light, none may have
+/// been found.
+const LEAST_VARIANCE: f64 = 0.02;
+
+impl Emitted {
+    pub fn irradiance(&self) -> Vec<DVec3> {
+        let parts = self.unoccluded.iter().zip(&self.visible);
+        parts.map(|(light, part)| *light * *part).collect()
+    }
+
+    /// Smooths the noise of penumbras over the surface. Only parts that can be told apart by noise
+    /// alone are smoothed: shadows as sharp as the points show them stay.
+    pub fn smooth(&mut self, smoother: &Smoother) {
+        let limit = |_: usize, a: DVec3, b: DVec3| {
+            let part = ((a + b).element_sum() / 6.0).clamp(0.0, 1.0);
+            let variance = (4.0 * part * (1.0 - part)).max(LEAST_VARIANCE);
+            NOISES * self.noise * variance.sqrt()
+        };
+        self.visible = smoother.smooth(&self.visible, limit);
+        for part in &mut self.visible {
+            *part = part.clamp(DVec3::ZERO, DVec3::ONE);
+        }
+    }
+}
+
+/// Finds the light from the surfels' emission.
+pub fn emitted(
+    surfels: &Surfels,
+    tolerance: f64,
+    seed: u64,
+    visibility: &dyn Visibility,
+    progress: &dyn Progress,
+) -> Result<Emitted> {
     let shining: Vec<u32> = (0..surfels.len() as u32)
         .filter(|&i| surfels.emission[i as usize].max_element() > 0.0)
         .collect();
-    let mut irradiance = vec![DVec3::ZERO; surfels.len()];
+    let mut emitted = Emitted {
+        unoccluded: vec![DVec3::ZERO; surfels.len()],
+        visible: vec![DVec3::ZERO; surfels.len()],
+        noise: 0.0,
+    };
     if shining.is_empty() {
-        return Ok(irradiance);
+        return Ok(emitted);
     }
     let emitters = Emitters::new(surfels, &shining, tolerance);
     // From K strata the visible part of a lamp with a straight shadow on it is off by K^(-3/4).
     let [more, most] = MORE_SEGMENTS;
     let more = (more * (0.03 / tolerance).powf(4.0 / 3.0)).min(most) as usize;
+    emitted.noise = 0.5 * ((SEGMENTS + more) as f64).powf(-0.75);
     progress.stage("emitters", surfels.len() as u64);
-    for (k, batch) in irradiance.chunks_mut(BATCH).enumerate() {
+    for first in (0..surfels.len()).step_by(BATCH) {
         progress.check()?;
-        let first = k * BATCH;
-        let mut receivers: Vec<Receiver> = (first..first + batch.len())
+        let batch = first..(first + BATCH).min(surfels.len());
+        let mut receivers: Vec<Receiver> = batch
+            .clone()
             .into_par_iter()
             .map_init(
                 || Workspace::new(emitters.moments.indices()),
@@ -86,12 +142,13 @@ pub fn emitters(
                 }
             }
         }
-        for (h, r) in batch.iter_mut().zip(&receivers) {
-            *h = r.irradiance();
+        for (i, r) in batch.clone().zip(&receivers) {
+            emitted.unoccluded[i] = r.unoccluded;
+            emitted.visible[i] = r.visible();
         }
         progress.advance(batch.len() as u64);
     }
-    Ok(irradiance)
+    Ok(emitted)
 }
 
 /// Which receivers may have a shadow's edge on them: not all segments, theirs and those of their
@@ -166,10 +223,9 @@ impl Receiver {
         }
     }
 
-    /// Light without occlusion times the visible part, channel by channel.
-    fn irradiance(&self) -> DVec3 {
-        let part = self.seen / self.tested.max(DVec3::splat(f64::MIN_POSITIVE));
-        self.unoccluded * part
+    /// The visible part, channel by channel.
+    fn visible(&self) -> DVec3 {
+        self.seen / self.tested.max(DVec3::splat(f64::MIN_POSITIVE))
     }
 }
 

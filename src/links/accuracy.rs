@@ -24,7 +24,7 @@ pub struct Accuracy {
 /// that a rough solution has missed must find its way.
 const LEAST_RADIOSITY: f64 = 0.01;
 /// Bounds of the factor on a link's error from the light at its target.
-const LOCAL_TOLERANCE: [f64; 2] = [0.1, 3.0];
+pub(crate) const LOCAL_TOLERANCE: [f64; 2] = [0.1, 3.0];
 
 impl Accuracy {
     /// An error of each link `relative` to the mean irradiance, and finer or coarser where a place

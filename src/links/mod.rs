@@ -16,6 +16,7 @@ mod spans;
 mod walk;
 
 pub use accuracy::Accuracy;
+pub(crate) use accuracy::LOCAL_TOLERANCE;
 pub use adaptive::adaptive;
 pub use build::build;
 pub use classic::{CLASSIC_LEAF_SIZE, State, States, Tally, Thresholds, classic};

@@ -16,7 +16,7 @@ pub(super) struct Neighbour {
 }
 
 /// The points in a tree.
-pub(super) struct Neighbours<'a> {
+pub(crate) struct Neighbours<'a> {
     positions: &'a [Vec3],
     tree: ImmutableKdTree<f32, 3>,
 }
@@ -42,31 +42,29 @@ impl<'a> Neighbours<'a> {
 
     /// Puts the `count` nearest neighbours of point i into `near`, nearest first, with their
     /// normals; less those at the place of the point itself.
-    pub fn find(&self, i: usize, count: usize, normals: &[Vec3], near: &mut Vec<Neighbour>) {
-        let found = self
-            .tree
-            .query(&self.positions[i].to_array())
-            .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(count))
-            .execute();
+    pub(super) fn find(&self, i: usize, count: usize, normals: &[Vec3], near: &mut Vec<Neighbour>) {
         near.clear();
-        for item in found.iter().filter(|item| item.distance > 0.0) {
-            let j = item.item as usize;
-            near.push(Neighbour {
-                offset: (self.positions[j] - self.positions[i]).as_dvec3(),
-                normal: normals[j].as_dvec3(),
-            });
-        }
+        near.extend(self.others(i, count).map(|(j, offset)| Neighbour {
+            offset,
+            normal: normals[j as usize].as_dvec3(),
+        }));
     }
 
     /// Puts the `count` nearest neighbours of point i into `near`, nearest first: their indices, and
     /// their positions relative to the point; less those at the place of the point itself.
     pub fn nearest(&self, i: usize, count: usize, near: &mut Vec<(u32, DVec3)>) {
         near.clear();
+        near.extend(self.others(i, count));
+    }
+
+    fn others(&self, i: usize, count: usize) -> impl Iterator<Item = (u32, DVec3)> {
         let place = self.positions[i];
-        near.extend(self.around(place, count + 1).into_iter().filter_map(|j| {
-            let offset = self.positions[j as usize] - place;
-            (offset != Vec3::ZERO).then(|| (j, offset.as_dvec3()))
-        }));
+        self.around(place, count + 1)
+            .into_iter()
+            .filter_map(move |j| {
+                let offset = self.positions[j as usize] - place;
+                (offset != Vec3::ZERO).then(|| (j, offset.as_dvec3()))
+            })
     }
 
     /// The points nearest to a place, nearest first.

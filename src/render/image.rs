@@ -23,9 +23,14 @@ pub struct Image {
 
 /// The picture as the bytes of an 8-bit sRGB PNG file, tone-mapped with `exposure`.
 pub fn encode_png(image: &Image, exposure: f32) -> Result<Vec<u8>> {
+    encode(image, |radiosity| tone_map(radiosity, exposure))
+}
+
+/// The same with sRGB bytes of any kind for a radiosity.
+pub(super) fn encode(image: &Image, paint: impl Fn(Vec3) -> [u8; 3]) -> Result<Vec<u8>> {
     let mut rgb = Vec::with_capacity(3 * image.radiosity.len());
     for (&radiosity, &coverage) in image.radiosity.iter().zip(&image.coverage) {
-        let surface = tone_map(radiosity, exposure);
+        let surface = paint(radiosity);
         for (s, b) in surface.into_iter().zip(BACKGROUND) {
             let mixed = f32::from(b) + coverage * (f32::from(s) - f32::from(b));
             rgb.push((mixed + 0.5) as u8);
