@@ -85,9 +85,9 @@ pub fn check_rays(surfels: usize, rays: u32, free: Option<u64>) -> Result<()> {
     }
 }
 
-/// Memory that a solve takes a point, at least; measured are 1,200 bytes (a room of a million points)
-/// to 3,300 (a cave).
-const BYTES_A_POINT: u64 = 1200;
+/// Memory that a solve takes a point: measured are 1,200 bytes (a room of a million points) to 3,300 (a
+/// cave), as `cargo bench --bench growth` prints it. More points need fewer links each.
+const BYTES_A_POINT: [u64; 2] = [1200, 3300];
 
 /// Memory that reading takes a point; measured are 55 bytes (LAZ, with colours) to 70 (E57).
 const BYTES_A_POINT_READ: u64 = 70;
@@ -108,6 +108,12 @@ pub fn check_reading(count: u64) -> Result<()> {
 /// Three of the 32 bits of an occluder's number hold the size of its leaf.
 const MOST_POINTS: u64 = (1 << 29) - 1;
 
+/// Bytes that a solve of so many points takes by links, before anything is done for them: at least, and
+/// in a scene as crowded as a cave. Links that need more than is free are refused as they are found.
+pub fn estimate(points: u64) -> [u64; 2] {
+    BYTES_A_POINT.map(|bytes| points.saturating_mul(bytes))
+}
+
 /// Refuses a number of points that cannot be lit in the memory that is free, before anything is
 /// allocated for them.
 pub fn check_points(count: u64) -> Result<()> {
@@ -116,7 +122,7 @@ pub fn check_points(count: u64) -> Result<()> {
             "{count} points: no more than {MOST_POINTS} can be numbered"
         )));
     }
-    let needed = count * BYTES_A_POINT;
+    let [needed, _] = estimate(count);
     match available() {
         Some(free) if needed > free => Err(Error::TooLarge(format!(
             "{count} points need at least {} MiB of memory, but only {} MiB are free: take fewer \

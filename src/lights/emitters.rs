@@ -174,8 +174,11 @@ struct Emitters {
     emission: Vec<DVec3>,
     /// All surfels: the receivers.
     all: Surface<f64>,
-    /// Power of each emitter, all colours together.
-    power: Vec<f64>,
+    /// Of each emitter in the power of its leaf, all colours together.
+    shares: Vec<Share>,
+    /// Of each facet in the power of its parent. Each is of a sum of its own: dim ones keep their share
+    /// among themselves, however bright others are.
+    facet_shares: Vec<Share>,
     /// Index among all surfels.
     index: Vec<u32>,
     moments: Expansions<f64>,
@@ -240,13 +243,28 @@ impl Emitters {
             .collect();
         let surface = Surface::new(&sorted);
         let emission: Vec<DVec3> = sorted.emission.iter().map(|e| e.as_dvec3()).collect();
-        let mut moments = p2m(ORDER, &octree, &surface, &emission);
+        let mut moments: Expansions<f64> = p2m(ORDER, &octree, &surface, &emission);
         m2m(&octree, &mut moments);
-        let power = emission.iter().zip(&sorted.areas);
-        let power = power.map(|(e, &area)| e.element_sum() * f64::from(area));
+        let power = |e: usize| emission[e].element_sum() * f64::from(sorted.areas[e]);
+        let power_of = |f: u32| moments.of(f as usize)[0].element_sum();
+        let mut emitter_shares = vec![Share::default(); sorted.len()];
+        let mut facet_shares = vec![Share::default(); octree.facets.len()];
+        for facet in &octree.facets {
+            let of_children = facet.children();
+            for (f, share) in of_children.clone().zip(shares(of_children.map(power_of))) {
+                facet_shares[f as usize] = share;
+            }
+            if facet.is_leaf() {
+                let emitters = facet.surfels();
+                for (e, share) in emitters.clone().zip(shares(emitters.map(power))) {
+                    emitter_shares[e] = share;
+                }
+            }
+        }
         Emitters {
             octree,
-            power: power.collect(),
+            shares: emitter_shares,
+            facet_shares,
             index: sorted.points.iter().map(|p| place[p]).collect(),
             emission,
             all: Surface::new(surfels),
@@ -319,7 +337,8 @@ impl Emitters {
         }
         // Every colour counts alike, however weak: each has its own shadows.
         let whole = r.unoccluded.max(DVec3::splat(f64::MIN_POSITIVE));
-        let share = |item: &Item| (item.irradiance / whole).element_sum();
+        let inverse = whole.recip();
+        let share = |item: &Item| item.irradiance.dot(inverse);
         let total: f64 = r.items.iter().map(share).sum();
         let single = |item: &Item| match item.source {
             Source::Emitter(e) => Some(Drawn {
@@ -368,45 +387,52 @@ impl Emitters {
             Source::Cluster(f) => f,
         };
         let facets = &self.octree.facets;
-        // Sums of single facets: a dim one keeps its own beside others, however bright.
-        let power_of = |f: u32| self.moments.of(f as usize)[0].element_sum();
         while !facets[at as usize].is_leaf() {
             let children = facets[at as usize].children();
-            let picked = pick(children.map(|f| (f, power_of(f))), place)?;
-            (at, place) = (picked.item, picked.place);
-            part *= picked.part;
+            let slice = children.start as usize..children.end as usize;
+            let (child, inside, share) = find(&self.facet_shares[slice], place)?;
+            (at, place) = (children.start + child as u32, inside);
+            part *= share;
         }
         let emitters = facets[at as usize].surfels();
-        let picked = pick(emitters.map(|e| (e, self.power[e])), place)?;
-        Some((picked.item, part * picked.part))
+        let (emitter, _, share) = find(&self.shares[emitters.clone()], place)?;
+        Some((emitters.start + emitter, part * share))
     }
 }
 
-/// One of some weighted items.
-struct Picked<T> {
-    item: T,
-    /// Place in the item, from 0 to 1.
-    place: f64,
-    /// Its part of all weights.
+/// Part of something whole.
+#[derive(Clone, Copy, Default)]
+struct Share {
+    /// The parts before it.
+    before: f64,
     part: f64,
 }
 
-/// The item at a place, from 0 to 1, in the sum of the weights, if there is any weight.
-fn pick<T>(weighted: impl Iterator<Item = (T, f64)> + Clone, place: f64) -> Option<Picked<T>> {
-    let total: f64 = weighted.clone().map(|(_, weight)| weight).sum();
-    let mut before = 0.0;
-    let mut picked = None;
-    for (item, weight) in weighted.filter(|&(_, weight)| weight > 0.0) {
-        let inside = (place * total - before) / weight;
-        picked = Some(Picked {
-            item,
-            place: inside.clamp(0.0, 1.0),
-            part: weight / total,
-        });
-        if inside < 1.0 {
+/// The shares of some weights in their sum; zero if there is no weight.
+fn shares(weights: impl Iterator<Item = f64> + Clone) -> impl Iterator<Item = Share> {
+    let total: f64 = weights.clone().sum();
+    let inverse = if total > 0.0 { 1.0 / total } else { 0.0 };
+    weights.scan(0.0, move |before, weight| {
+        let share = Share {
+            before: *before,
+            part: weight * inverse,
+        };
+        *before += share.part;
+        Some(share)
+    })
+}
+
+/// The share at a place, from 0 to 1, if there is any: which, the place in it, and its part.
+fn find(shares: &[Share], place: f64) -> Option<(usize, f64, f64)> {
+    let some = |(_, share): &(usize, &Share)| share.part > 0.0;
+    let mut found = None;
+    for (k, share) in shares.iter().enumerate().filter(some) {
+        found = Some((k, share));
+        if place < share.before + share.part {
             break;
         }
-        before += weight;
     }
-    picked
+    let (k, share) = found?;
+    let inside = (place - share.before) / share.part;
+    Some((k, inside.clamp(0.0, 1.0), share.part))
 }

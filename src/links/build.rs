@@ -186,7 +186,7 @@ impl Traversal<'_> {
             .par_iter()
             .map(|&pair| self.judge.classify(pair))
             .collect();
-        let visible = self.test(verdicts.iter().map(Verdict::samples))?;
+        let visible = self.test(&verdicts, Verdict::samples)?;
 
         let outcomes: Vec<Outcome> = verdicts
             .par_iter()
@@ -206,15 +206,29 @@ impl Traversal<'_> {
             .zip(batch)
             .map(|((verdict, outcome), &pair)| match (verdict, outcome) {
                 (Verdict::Candidate(c), Outcome::Far(..) | Outcome::Sampled(_)) if c.selected() => {
-                    self.judge.draw(pair, c.drawn, Purpose::MeasureLinks)
+                    self.judge.draw(pair, c.measured, Purpose::MeasureLinks)
                 }
                 (Verdict::Candidate(_), Outcome::Near) => self.judge.all_pairs(pair),
                 _ => Vec::new(),
             })
             .collect();
-        let fresh_visible = self.test(fresh.iter().map(Vec::as_slice))?;
+        let fresh_visible = self.test(&fresh, Vec::as_slice)?;
+        let outcomes: Vec<Outcome> = verdicts
+            .par_iter()
+            .zip(outcomes)
+            .zip(fresh.par_iter().zip(&fresh_visible))
+            .zip(batch)
+            .map_init(trial, |trial, (((verdict, outcome), fresh), &pair)| {
+                let (samples, visible) = fresh;
+                match verdict {
+                    Verdict::Candidate(c) if c.selected() => self
+                        .judge
+                        .measure(pair, c, outcome, samples, visible, trial),
+                    _ => outcome,
+                }
+            })
+            .collect();
 
-        let mut trial = trial();
         for (k, (verdict, outcome)) in verdicts.into_iter().zip(outcomes).enumerate() {
             let pair = batch[k];
             let entry = |weight| Entry {
@@ -226,7 +240,6 @@ impl Traversal<'_> {
             match (verdict, outcome) {
                 (Verdict::Dark, _) => self.left_out.push([pair.target, pair.source]),
                 (Verdict::Drop, _) => {}
-                (Verdict::Candidate(c), Outcome::Drop) => self.leave_out(pair, &c),
                 (Verdict::Expand(order, error), _) => {
                     let biased = BIAS.get(order).copied().unwrap_or(0.0);
                     self.add_error(pair, error, biased);
@@ -249,29 +262,16 @@ impl Traversal<'_> {
                     self.done -= f64::from(pair.share);
                     self.split(pair, next);
                 }
-                (Verdict::Candidate(c), mut outcome) => {
-                    if c.selected() {
-                        outcome = self.judge.measure(
-                            pair,
-                            &c,
-                            outcome,
-                            &fresh[k],
-                            &fresh_visible[k],
-                            &mut trial,
-                        );
-                    }
-                    match outcome {
-                        Outcome::Far(fraction, smooth) if fraction > 0.0 => {
-                            self.m2l[c.order].push(entry(fraction));
-                            self.smooth += u64::from(smooth);
-                        }
-                        Outcome::Sampled(kernel) if kernel > 0.0 => {
-                            self.add_error(pair, SAMPLED * c.bound, 0.0);
-                            self.sampled.push(entry(kernel));
-                        }
-                        _ => self.leave_out(pair, &c),
-                    }
+                (Verdict::Candidate(c), Outcome::Far(fraction, smooth)) if fraction > 0.0 => {
+                    self.m2l[c.order].push(entry(fraction));
+                    self.smooth += u64::from(smooth);
                 }
+                (Verdict::Candidate(c), Outcome::Sampled(kernel)) if kernel > 0.0 => {
+                    self.add_error(pair, SAMPLED * c.bound, 0.0);
+                    self.sampled.push(entry(kernel));
+                }
+                // Nothing was seen.
+                (Verdict::Candidate(c), _) => self.leave_out(pair, &c),
             }
         }
         Ok(())
@@ -330,23 +330,31 @@ impl Traversal<'_> {
 
     /// Which samples see each other, in their groups; those that do not face each other are not
     /// tested.
-    fn test<'s>(
+    fn test<G: Sync>(
         &self,
-        groups: impl Iterator<Item = &'s [Sample]> + Clone,
+        groups: &[G],
+        samples: impl Fn(&G) -> &[Sample] + Sync,
     ) -> Result<Vec<Vec<bool>>> {
+        let facing = |g| samples(g).iter().filter(|s| s.weight > 0.0);
+        let segment = |s: &Sample| self.surfels.segment(s.target as usize, s.source as usize);
         let segments: Vec<Segment> = groups
-            .clone()
-            .flatten()
-            .filter(|s| s.weight > 0.0)
-            .map(|s| self.surfels.segment(s.target as usize, s.source as usize))
+            .par_iter()
+            .flat_map_iter(|g| facing(g).map(segment))
             .collect();
-        let mut answers = self.visibility.visible(&segments)?.into_iter();
-        Ok(groups
+        let answers = self.visibility.visible(&segments)?;
+        let mut end = 0;
+        let firsts: Vec<usize> = groups
+            .iter()
             .map(|g| {
-                g.iter()
-                    .map(|s| s.weight > 0.0 && answers.next() == Some(true))
-                    .collect()
+                end += facing(g).count();
+                end - facing(g).count()
             })
-            .collect())
+            .collect();
+        let of_group = |(g, first): (&G, usize)| {
+            let mut answers = answers[first..].iter();
+            let seen = |s: &Sample| s.weight > 0.0 && answers.next() == Some(&true);
+            samples(g).iter().map(seen).collect()
+        };
+        Ok(groups.par_iter().zip(firsts).map(of_group).collect())
     }
 }

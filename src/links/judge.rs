@@ -13,9 +13,15 @@ const MAX_OPENING: f32 = 0.6;
 /// Links that can bring at most this part of the allowed error need no refinement.
 const NEGLIGIBLE: f32 = 0.5;
 /// Standard deviation that samples may show, as a part of the allowed error.
-const MAX_DEVIATION: f32 = 0.3;
-/// Segments a link: at least, and at most.
+///
+/// Links whose few segments disagree are few, and most of the error is theirs: split from 0.1 on
+/// instead of 0.3, the cave is off by 7% less for 3% more segments.
+const MAX_DEVIATION: f32 = 0.1;
+/// Segments that decide on a link: at least, and at most.
 const SAMPLES: [f32; 2] = [4.0, 32.0];
+/// Segments at least that measure it. Those that decided have said the same with few exceptions: with
+/// 4 the error is 1% smaller, for 8 to 12% more segments.
+const MEASURED: f32 = 2.0;
 /// Larger facets are split before they become a mixed link, where parts of them may be settled.
 const MIXED_SURFELS: usize = 24;
 /// Segments of a link that brings too little to matter.
@@ -69,6 +75,8 @@ pub(super) struct Candidate {
     pub negligible: bool,
     /// Samples drawn, with those that do not face each other.
     pub drawn: usize,
+    /// Samples to draw afresh.
+    pub measured: usize,
     /// Largest irradiance that the source can cause at the target.
     pub bound: f32,
     pub allowed: f32,
@@ -147,11 +155,13 @@ impl Judge<'_> {
 
         if negligible || expandable || (uniform && !facing.full()) {
             let pairs = a.len() * b.len();
-            let wanted = if negligible {
-                NEGLIGIBLE_SAMPLES
-            } else {
-                (0.5 * bound / allowed).ceil().clamp(SAMPLES[0], SAMPLES[1]) as usize
+            let [least, most] = SAMPLES;
+            let samples = |least| (0.5 * bound / allowed).ceil().clamp(least, most) as usize;
+            let wanted = match negligible {
+                true => NEGLIGIBLE_SAMPLES,
+                false => samples(least),
             };
+            let measured = samples(MEASURED).min(pairs);
             let exhaustive = pairs <= wanted;
             let drawn = wanted.min(pairs);
             let samples = if exhaustive {
@@ -165,6 +175,7 @@ impl Judge<'_> {
                 exhaustive,
                 negligible,
                 drawn,
+                measured,
                 bound,
                 allowed,
                 smooth: expandable && all_face,
@@ -238,7 +249,7 @@ impl Judge<'_> {
         match accepted {
             Outcome::Far(..) => self.far(pair, c.order, samples, visible, trial),
             Outcome::Sampled(_) => {
-                let mean = visible_weight(samples, visible) / c.drawn as f32;
+                let mean = visible_weight(samples, visible) / samples.len() as f32;
                 Outcome::Sampled(self.kernel(pair, mean))
             }
             kept => kept,

@@ -127,9 +127,11 @@ fn descend<const NEAREST_FIRST: bool>(
         let occluders = Node::occluders_of(content);
         if occluders.is_empty() {
             let node = &nodes[(content >> Node::COUNT_BITS) as usize];
-            let (near, met) = boxes_met(node, line, *limit);
+            let (near, mut met) = boxes_met(node, line, *limit);
             let bottom = top;
-            for k in (0..4).filter(|k| met >> k & 1 == 1) {
+            while met != 0 {
+                let k = met.trailing_zeros() as usize;
+                met &= met - 1;
                 if top == STACK {
                     // So deep a tree is walked by another call.
                     descend::<NEAREST_FIRST>(nodes, node.content[k], line, limit, meet);
