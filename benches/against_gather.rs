@@ -67,6 +67,7 @@ fn compare(name: &str, points: usize) {
     let options = SceneOptions {
         points: Some(points),
         seed: 1,
+        ..SceneOptions::default()
     };
     let scene = Scene::load(path.as_ref(), &options, &Silent).unwrap();
     let case = Case::new(&scene);
