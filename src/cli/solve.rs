@@ -23,8 +23,9 @@ use super::{Done, backend, outputs, picture};
 /// printed.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scan (.ply) or scene file (.toml)
-    input: PathBuf,
+    /// Scans, and at most one scene file (.toml)
+    #[arg(required = true)]
+    inputs: Vec<PathBuf>,
     /// Write the points with their light
     #[arg(short, long, value_name = "OUT.ply")]
     output: Option<PathBuf>,
@@ -40,9 +41,12 @@ pub struct Args {
     /// Take what was kept of the same cloud; light that needs more accuracy than those before refines it
     #[arg(long, value_name = "FILE")]
     pub operator: Option<PathBuf>,
-    /// Points to make on the shapes of a scene file
+    /// Points to make on the shapes of a scene file, and on a mesh
     #[arg(long, value_name = "N")]
     points: Option<NonZeroUsize>,
+    /// Take the faces of PLY files as the surface, and make points on them
+    #[arg(long)]
+    mesh: bool,
     /// How the light is summed up
     #[arg(long, value_enum, default_value = "auto")]
     method: MethodArg,
@@ -125,7 +129,7 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     let files: Vec<&Path> = (results.into_iter().chain([&args.save_operator]))
         .filter_map(Option::as_deref)
         .collect();
-    outputs::check(&args.input, &files)?;
+    outputs::check(&args.inputs, &files)?;
     if let Some(operator) = &args.operator {
         // A kept operator may be replaced by itself, refined.
         let results: Vec<&Path> = results.into_iter().filter_map(Option::as_deref).collect();
@@ -148,10 +152,11 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     let options_of_scene = SceneOptions {
         points: args.points.map(NonZeroUsize::get),
         seed: args.seed,
+        mesh: args.mesh,
     };
-    let mut scene = Scene::load(&args.input, &options_of_scene, &progress)?;
+    let mut scene = Scene::load_all(&args.inputs, &options_of_scene, &progress)?;
     for source in &scene.sources {
-        outputs::spare(source, &files)?;
+        outputs::spare(&source.path, &files)?;
     }
     hang(&mut scene);
     scene.sky = args.sky.unwrap_or(scene.sky);
@@ -159,7 +164,7 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     warn_of_darkness(&scene, &progress);
     progress.note(&format!("backend: {}", chosen.describe()));
 
-    let about = |error: Error| error.about(&args.input);
+    let about = |error: Error| error.about(outputs::names(&args.inputs));
     let mut transport = match &args.operator {
         None => Transport::new(&scene, &options, chosen.backend(), &progress).map_err(about)?,
         Some(path) => Transport::load(path, &scene, &options, chosen.backend(), &progress)?,

@@ -10,6 +10,6 @@ mod smooth;
 mod surfels;
 
 pub use cells::{Cells, MAX_EDGES};
-pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
+pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud, Scanner};
 pub(crate) use surfels::check;
 pub use surfels::{Prepared, Surfels};

@@ -59,6 +59,7 @@ pub fn lamp(name: &str, points: usize, place: [f64; 3]) -> Scene {
     let options = SceneOptions {
         points: Some(points),
         seed: 1,
+        ..SceneOptions::default()
     };
     let mut scene = Scene::load(path.as_ref(), &options, &Silent).unwrap();
     scene.cloud.emission.fill(Vec3::ZERO);
