@@ -1,7 +1,8 @@
 //! Light on point clouds: the diffuse light at every point, direct and after all bounces, with
 //! what stands in its way.
 //!
-//! [`illuminate()`] does the whole job: a [`Scene`] in, an [`IlluminationMap`] and [`Stats`] out.
+//! [`illuminate()`] does the whole job: a [`Scene`] in, an [`IlluminationMap`] and [`Stats`] out. A
+//! [`Transport`] does it for one light after the other, and finds once what no light changes.
 //! It works on the CPU, or in WGSL on a [`wgpu::Device`] that the caller made: a renderer hands
 //! over its own.
 //!

@@ -6,8 +6,8 @@ use xxhash_rust::xxh3::Xxh3Default;
 use super::PointCloud;
 
 impl PointCloud {
-    /// A number that stands for positions, normals and areas: what surfels are made from. Two
-    /// clouds have the same one only by chance.
+    /// A number that stands for positions, normals, areas and scanners: what surfels are made from.
+    /// Two clouds have the same one only by chance.
     pub fn fingerprint(&self) -> u64 {
         let mut hash = Xxh3Default::new();
         let arrays: [&[u8]; 3] = [
@@ -18,6 +18,11 @@ impl PointCloud {
         for array in arrays {
             hash.update(&(array.len() as u64).to_le_bytes());
             hash.update(array);
+        }
+        for scanner in &self.scanners {
+            hash.update(cast_slice(&[scanner.position]));
+            let ends = [scanner.points.start, scanner.points.end].map(|end| end as u64);
+            hash.update(cast_slice(&ends));
         }
         hash.digest()
     }
