@@ -40,7 +40,6 @@ pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
     if header.points == 0 {
         return Err(las.error("empty cloud: the file has no points"));
     }
-    super::check_count(path, header.points)?;
     progress.stage("reading", bytes);
     progress.advance(header.begin);
     let record = Record::new(&header);
@@ -151,6 +150,7 @@ impl Las<'_> {
                 header.points
             )));
         }
+        super::check_count(self.path, header.points)?;
         let count = (BLOCK / stride).max(1);
         let parts: Vec<Chunk> = (0..header.points)
             .step_by(count as usize)
@@ -169,6 +169,7 @@ impl Las<'_> {
     fn compressed(&mut self, header: &Header, record: &Record) -> Result<Points> {
         let compression = Compression::read(&mut self.input, self.bytes, header)
             .map_err(|what| self.error(what))?;
+        super::check_count(self.path, header.points)?;
         self.parts(
             compression.begin,
             &compression.chunks,
