@@ -41,6 +41,7 @@ impl<'a> Lines<'a, File> {
         let cannot = |e| Error::io(path, "cannot be read", e);
         let bytes = file.metadata().map_err(cannot)?.len();
         progress.stage("reading", bytes);
+        progress.check()?;
         let mut head = Vec::new();
         (&mut file)
             .take(BLOCK as u64)

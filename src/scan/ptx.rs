@@ -101,7 +101,7 @@ impl Grid {
             return Ok(None);
         };
         let columns = columns.map_err(|what| lines.error(what))?;
-        let rows = row(lines, |line| count(line))?;
+        let rows = row(lines, count)?;
         let points = columns
             .checked_mul(rows)
             .filter(|&points| points <= u64::from(u32::MAX))

@@ -198,7 +198,7 @@ fn headers_that_lie_are_refused() {
         rgb: [9; 3],
     };
     let [text, binary, compressed] =
-        [as_ascii, as_binary, as_compressed].map(|f| f(&[point.clone()]));
+        [as_ascii, as_binary, as_compressed].map(|f| f(std::slice::from_ref(&point)));
     let many = |bytes: &[u8]| {
         let place = bytes.windows(5).position(|w| w == b"DATA ").unwrap();
         let head = String::from_utf8_lossy(&bytes[..place]);

@@ -124,7 +124,7 @@ fn what_is_wrong_is_told() {
         let message = error_named(whole.replace(from, to).as_bytes(), "ptx");
         assert!(message.contains(expected), "{message:?} lacks {expected:?}");
     }
-    let message = error_named(whole.repeat(2)[..whole.len() + 4].as_bytes(), "ptx");
+    let message = error_named(&whole.repeat(2).as_bytes()[..whole.len() + 4], "ptx");
     assert!(
         message.contains("ends in the header of a grid"),
         "{message}"

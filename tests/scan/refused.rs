@@ -178,7 +178,8 @@ fn reading_stops_when_told() {
             true
         }
     }
-    for bytes in [rich_binary(true), two_points("", "", "")] {
+    let table = b"1 2 3\n".to_vec();
+    for bytes in [rich_binary(true), two_points("", "", ""), table] {
         let result = scan::read(file(&bytes).path(), &Stop);
         assert!(matches!(result, Err(Error::Interrupted)));
     }
