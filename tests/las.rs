@@ -171,11 +171,7 @@ fn colours_are_recognised_however_they_are_stored() {
             linear(0x8080),
             "10 colours of 8 bit found in the upper half",
         ),
-        (
-            |_| 0,
-            DEFAULT_REFLECTANCE,
-            "10 colours left out: all are black",
-        ),
+        (0, DEFAULT_REFLECTANCE, "10 colours left out: all are black"),
     ];
     for (level, expected, repair) in cases {
         let cloud = read(&written(3, false, 10, |_| [level; 3])).unwrap();
