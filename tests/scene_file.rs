@@ -339,7 +339,8 @@ fn meshes_are_sampled_as_told() {
         let scene = Scene::load(&folder.path().join("scene.toml"), &options, &Silent).unwrap();
         assert_eq!(scene.sources.last().unwrap().points, 0..scene.cloud.len());
         assert!(scene.cloud.normals.iter().all(|n| *n == Vec3::Z));
-        (scene.cloud.len(), scene.cloud.areas.iter().sum::<f32>())
+        let areas = scene.cloud.areas.iter().copied().map(f64::from);
+        (scene.cloud.len(), areas.sum::<f64>())
     };
     let general = |mesh| SceneOptions {
         points: Some(77),
@@ -361,7 +362,7 @@ fn meshes_are_sampled_as_told() {
     ] {
         let (count, sum) = load(&text, options);
         assert_eq!(count, points, "{text}");
-        assert!((sum - area).abs() <= 1e-4 * area, "{text}: {sum}"); // a sum in f32
+        assert!((sum - area).abs() <= 1e-6 * area, "{text}: {sum}");
     }
 }
 
