@@ -22,7 +22,7 @@ fn endings_say_the_format() {
     ] {
         run(
             folder.path(),
-            &format!("solve scan.ply --sky 1 --backend cpu -o {name}"),
+            &format!("solve scan.ply --sky 1,1,1 --backend cpu -o {name}"),
         )
         .success();
         let path = folder.path().join(name);

@@ -267,9 +267,9 @@ fn limits_say_what_is_white() {
         })?;
         add(out, &fields, &[&colour(32896)], |_| {})?;
         let point = |value| [&xyz[..], &integers([value])].concat();
-        let fields = [&XYZ[..], &[grey.clone()]].concat();
+        let fields = [&XYZ[..], std::slice::from_ref(&grey)].concat();
         add(out, &fields, &[&point(-1024), &point(2047)], |_| {})?;
-        let fields = [&XYZ[..], &[unlimited.clone()]].concat();
+        let fields = [&XYZ[..], std::slice::from_ref(&unlimited)].concat();
         add(out, &fields, &[&point(7)], |_| {})
     });
     let cloud = read(&bytes).unwrap();
@@ -446,7 +446,7 @@ fn seal(bytes: &mut [u8]) {
 
 proptest! {
     #![proptest_config(ProptestConfig {
-        cases: 3000,
+        cases: 1000,
         failure_persistence: None,
         ..ProptestConfig::default()
     })]
@@ -455,7 +455,7 @@ proptest! {
         let before = panics();
         seal(&mut bytes);
         if let Ok(cloud) = read(&bytes) {
-            prop_assert!(cloud.len() > 0);
+            prop_assert!(!cloud.is_empty());
             prop_assert_eq!(cloud.reflectance.len(), cloud.len());
             prop_assert_eq!(cloud.emission.len(), cloud.len());
             prop_assert!(cloud.normals.is_empty() || cloud.normals.len() == cloud.len());

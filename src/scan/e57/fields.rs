@@ -51,7 +51,7 @@ impl Fields {
         };
         let normal = ["normalX", "normalY", "normalZ"].map(|name| {
             let is = |record: &&Record| matches!(&record.name, Name::Unknown { name: n, .. } if n == name);
-            Some(one(&scan.prototype.iter().find(is)?.name)?)
+            one(&scan.prototype.iter().find(is)?.name)
         });
         let limits = scan.color_limits.as_ref();
         let spans = [

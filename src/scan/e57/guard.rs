@@ -80,7 +80,7 @@ pub fn check_header(input: &mut (impl Read + Seek), bytes: u64) -> Result<(), St
         .seek(SeekFrom::Start(0))
         .and_then(|_| input.read_exact(&mut header));
     read.map_err(|_| "the file is cut short: it ends inside the header")?;
-    if bytes % PAGE != 0 {
+    if !bytes.is_multiple_of(PAGE) {
         return Err(format!(
             "the file is cut short: its {bytes} bytes are no whole pages of {PAGE}"
         ));

@@ -13,8 +13,8 @@ use super::header::Header;
 /// Points that are decompressed before they are handed on.
 const BLOCK: u64 = 1 << 12;
 /// Most points that a compressed byte can stand for. In scans it is less than one; equal points,
-/// which compress best, come to 108 in chunks of 50,000.
-const MOST_POINTS_A_BYTE: u64 = 128;
+/// which compress best, come to 148 in chunks of 50,000.
+const MOST_POINTS_A_BYTE: u64 = 256;
 /// Where the table of chunks is.
 const OFFSET: u64 = 8;
 

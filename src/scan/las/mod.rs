@@ -40,26 +40,25 @@ pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
     if header.points == 0 {
         return Err(las.error("empty cloud: the file has no points"));
     }
-    super::check_count(path, header.points)?;
     progress.stage("reading", bytes);
     progress.advance(header.begin);
     let record = Record::new(&header);
-    // The decompressor answers damaged data with an error nearly always. Where it panics instead,
-    // this is still an error of the file, and no reason to end the program.
+    // The decompressor answers damaged data with errors as far as is known. Should it panic, this
+    // is still an error of the file, and no reason to end the program.
     let points = catch_unwind(AssertUnwindSafe(|| match header.format.is_compressed {
         true => las.compressed(&header, &record),
         false => las.plain(&header, &record),
     }))
     .unwrap_or_else(|_| Err(las.error("the compressed points are damaged")))?;
 
-    let Header { points: count, .. } = header;
+    let count = points.positions.len();
     let kind = if header.format.is_compressed {
         "LAZ"
     } else {
         "LAS"
     };
     let reflectance = reflectance(&points.colours, &mut repairs)
-        .unwrap_or_else(|| vec![Vec3::splat(DEFAULT_REFLECTANCE); count as usize]);
+        .unwrap_or_else(|| vec![Vec3::splat(DEFAULT_REFLECTANCE); count]);
     Ok(Scan {
         format: format!(
             "{kind} {}, point format {}",
@@ -67,7 +66,7 @@ pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
         ),
         fields: header.fields(),
         cloud: PointCloud {
-            emission: vec![Vec3::ZERO; count as usize],
+            emission: vec![Vec3::ZERO; count],
             positions: points.positions,
             reflectance,
             grid: Some(header.grid),
@@ -151,6 +150,7 @@ impl Las<'_> {
                 header.points
             )));
         }
+        super::check_count(self.path, header.points)?;
         let count = (BLOCK / stride).max(1);
         let parts: Vec<Chunk> = (0..header.points)
             .step_by(count as usize)
@@ -169,6 +169,7 @@ impl Las<'_> {
     fn compressed(&mut self, header: &Header, record: &Record) -> Result<Points> {
         let compression = Compression::read(&mut self.input, self.bytes, header)
             .map_err(|what| self.error(what))?;
+        super::check_count(self.path, header.points)?;
         self.parts(
             compression.begin,
             &compression.chunks,
