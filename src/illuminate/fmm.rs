@@ -1,5 +1,6 @@
 //! The way by links: made, verified, and refined until the tolerance is met.
 
+use std::borrow::Cow;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
@@ -145,8 +146,8 @@ impl Task<'_> {
         let mut verified = self.verify(direct, found, budget, round)?;
         let model = match round {
             0 => {
-                let irradiance = found.map_or(&direct.irradiance, |(_, b)| &b.irradiance);
-                self.model_error(irradiance, verified.total.one_bounce.value)?
+                let bounced = found.map(|(_, bounced)| bounced);
+                self.model_error(direct, bounced, verified.total.one_bounce.value)?
             }
             _ => model,
         };
@@ -179,20 +180,33 @@ impl Task<'_> {
         Ok(rough)
     }
 
-    /// What the number of points allows, where something is in the way: `error` is that of the irradiance.
-    fn model_error(&self, irradiance: &[DVec3], error: f64) -> Result<Option<f64>> {
+    /// Reflected radiosity that makes the irradiance of a solution.
+    fn reflected<'b>(&self, bounced: Option<&'b Bounced>) -> Cow<'b, [DVec3]> {
+        match (bounced, self.max_bounces) {
+            (None, _) => vec![DVec3::ZERO; self.surfels.len()].into(),
+            (Some(bounced), Some(_)) => bounced.sent.as_slice().into(),
+            (Some(bounced), None) => bounced.reflected.as_slice().into(),
+        }
+    }
+
+    /// What the number of points allows, where something is in the way: `error` is that of the
+    /// solution.
+    fn model_error(
+        &self,
+        direct: &DirectLight,
+        bounced: Option<&Bounced>,
+        error: f64,
+    ) -> Result<Option<f64>> {
         if self.visibility.is_open() {
             return Ok(None);
         }
-        let surfels = self.surfels;
-        let radiosity: Vec<DVec3> = (irradiance.iter().zip(&surfels.reflectance))
-            .zip(&surfels.emission)
-            .map(|((h, r), e)| e.as_dvec3() + r.as_dvec3() * *h)
-            .collect();
+        let emission = self.surfels.emission.iter().map(|e| e.as_dvec3());
+        let reflected = self.reflected(bounced);
+        let radiosity: Vec<DVec3> = emission.zip(&*reflected).map(|(e, r)| e + *r).collect();
         let lit = Lit {
             scene: self.scene,
-            surfels,
-            irradiance,
+            surfels: self.surfels,
+            irradiance: bounced.map_or(&direct.irradiance, |b| &b.irradiance),
             radiosity: &radiosity,
             seed: self.seed,
         };
@@ -216,16 +230,11 @@ impl Task<'_> {
             seed: self.seed,
         };
         let bounced = found.map(|(_, bounced)| bounced);
-        let dark = vec![DVec3::ZERO; self.surfels.len()];
         let claim = Claim {
             irradiance: bounced.map_or(&direct.irradiance, |b| &b.irradiance),
             lights: &direct.irradiance,
             sampled: &direct.sampled,
-            reflected: match (bounced, self.max_bounces) {
-                (None, _) => &dark,
-                (Some(bounced), Some(_)) => &bounced.sent,
-                (Some(bounced), None) => &bounced.reflected,
-            },
+            reflected: &self.reflected(bounced),
         };
         let measured = verifier.measure(&claim, budget, round, self.progress)?;
         let operator = found.map(|(links, _)| Fmm::<f32>::new(self.surfels, self.octree, links));
