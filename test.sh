@@ -72,8 +72,8 @@ cargo test --release --no-fail-fast
 step "tests on another driver"
 if fetch_swiftshader; then
     VK_DRIVER_FILES="$PWD/$swiftshader" VK_ICD_FILENAMES="$PWD/$swiftshader" \
-        cargo test --release --no-fail-fast --test device --test gpu_operator --test gpu_solve \
-        --test gpu_stages --test p2p --test point_visible --test segments --test visibility
+        cargo test --release --no-fail-fast --test device --test gather_method --test gpu_operator \
+        --test gpu_solve --test gpu_stages --test p2p --test point_visible --test segments --test visibility
 else
     echo "left out: SwiftShader is in Debian's package chromium-common, which cannot be had here"
 fi

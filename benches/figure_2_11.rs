@@ -33,6 +33,7 @@ fn cornell(points: usize) -> Surfels {
     let options = SceneOptions {
         points: Some(points),
         seed: 0,
+        ..SceneOptions::default()
     };
     let scene = Scene::load(&path, &options, &Silent).expect("scene");
     Surfels::prepare(&scene.cloud, &Silent)

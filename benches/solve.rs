@@ -16,6 +16,7 @@ fn cornell(points: usize) -> Scene {
     let options = SceneOptions {
         points: Some(points),
         seed: 0,
+        ..SceneOptions::default()
     };
     Scene::load(&path, &options, &Silent).unwrap()
 }

@@ -30,6 +30,7 @@ impl Case {
         let options = SceneOptions {
             points: Some(30_000),
             seed: 1,
+            ..SceneOptions::default()
         };
         let scene = Scene::load(path.as_ref(), &options, &Silent).unwrap();
         let prepared = Surfels::prepare(&scene.cloud, &Silent).unwrap();

@@ -24,6 +24,7 @@ fn surfels(name: &str, points: usize) -> Surfels {
     let options = SceneOptions {
         points: Some(points),
         seed: 1,
+        ..SceneOptions::default()
     };
     let scene = Scene::load(path.as_ref(), &options, &Silent).unwrap();
     let prepared = Surfels::prepare(&scene.cloud, &Silent).unwrap();

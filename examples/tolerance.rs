@@ -65,6 +65,7 @@ fn main() -> Result<()> {
             let options = SceneOptions {
                 points: Some(points),
                 seed: 1,
+                ..SceneOptions::default()
             };
             rows(name, &Scene::load(&path, &options, &Silent)?, &tolerances)?;
         }

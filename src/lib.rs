@@ -105,7 +105,7 @@ mod random;
 
 pub use error::{Error, Result};
 pub use illuminate::stats::Stats;
-pub use illuminate::{Backend, Illumination, Method, Occlusion, Options, illuminate};
+pub use illuminate::{Backend, Illumination, Method, Occlusion, Options, Transport, illuminate};
 pub use map::IlluminationMap;
 pub use points::{PointCloud, Surfels};
 pub use progress::Progress;

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::points::{PointCloud, Prepared, Surfels};
+use crate::points::{PointCloud, Surfels};
 
 /// The illumination map: one entry a point of the cloud, in its order.
 #[derive(Clone, Debug, Default)]
@@ -19,16 +19,16 @@ pub struct IlluminationMap {
 }
 
 impl IlluminationMap {
-    /// Hands the irradiance of the surfels to the points of the cloud that they stand for.
-    /// `surfels` are the prepared ones in any order, with one entry of `irradiance` each.
+    /// Hands the irradiance of the surfels to the points of the cloud, whose places among the surfels
+    /// are given.
     pub fn new(
         cloud: &PointCloud,
-        prepared: &Prepared,
+        places: &[Option<u32>],
         surfels: &Surfels,
         irradiance: &[DVec3],
     ) -> IlluminationMap {
         let mut map = IlluminationMap::default();
-        for (i, place) in prepared.places(surfels).into_iter().enumerate() {
+        for (i, place) in places.iter().enumerate() {
             let place = place.map(|k| k as usize);
             let (light, area) = place.map_or((Vec3::ZERO, 0.0), |k| {
                 (irradiance[k].as_vec3(), surfels.areas[k])

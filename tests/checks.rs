@@ -178,6 +178,7 @@ fn illuminated(name: &str, points: usize, method: Method) -> Illumination {
     let options = SceneOptions {
         points: Some(points),
         seed: 1,
+        ..SceneOptions::default()
     };
     let scene = Scene::load(path.as_ref(), &options, &Silent).unwrap();
     let options = Options {

@@ -28,6 +28,7 @@ fn scene(name: &str, points: usize) -> Surfels {
     let options = SceneOptions {
         points: Some(points),
         seed: 1,
+        ..SceneOptions::default()
     };
     let scene = Scene::load(&path, &options, &Silent).unwrap();
     let Prepared { surfels, .. } = Surfels::prepare(&scene.cloud, &Silent).unwrap();
@@ -413,6 +414,7 @@ fn the_device_finds_the_same_light() {
     let options = SceneOptions {
         points: Some(1500),
         seed: 1,
+        ..SceneOptions::default()
     };
     let scene = Scene::load(&path, &options, &Silent).unwrap();
     let solve = |method, backend| {

@@ -181,10 +181,10 @@ fn perpendicular_plates() {
     );
 }
 
-/// 4096 rays from each of 300 surfels, and exact sums if asked for, against path tracing of the true
-/// surface: what their means are off by, and the noise of that of the rays.
-fn against_path_tracing(name: &str, points: usize, sums: bool) -> (f64, Option<f64>, f64) {
-    let scene = scene(name, points);
+/// 4096 rays from each of 300 surfels of 20,000 against path tracing of the true surface: what their
+/// mean is off by, and the noise of that.
+fn against_path_tracing(name: &str) -> (f64, f64) {
+    let scene = scene(name, 20_000);
     let lit = |options: Options| {
         let options = Options {
             tolerance: Some(0.003),
@@ -241,39 +241,29 @@ fn against_path_tracing(name: &str, points: usize, sums: bool) -> (f64, Option<f
     let noise = mean_noise(&a, &b).hypot(own);
     let off = bias(&found, &truth);
     println!(
-        "{name}, {points} points: bias {off:+.5}, noise of that {noise:.5}, relative L2 {:.4}",
+        "{name}: bias {off:+.5}, noise of that {noise:.5}, relative L2 {:.4}",
         relative_l2(&found, &truth)
     );
-    let model = sums.then(|| {
-        let exact = lit(Options {
-            method: Method::Direct,
-            ..Options::default()
-        });
-        let exact = chosen.iter().map(|&i| exact.irradiance[point(i)].x.into());
-        let model = bias(&exact.collect::<Vec<f64>>(), &truth);
-        println!("{name}: bias of exact sums {model:+.5}");
-        model
-    });
-    (off, model, noise)
+    (off, noise)
 }
 
-/// What is left beyond the noise is the part of the model: exact sums over the same cells have it too.
-/// (Measured: -0.27% and -0.26%, noise 0.06%.)
+/// (Measured: -0.03%, noise 0.06%. With 3,000 points -0.27%, as exact sums over the same cells have.)
 #[test]
 fn cornell_against_path_tracing() {
-    let (off, model, noise) = against_path_tracing("cornell", 20_000, true);
-    assert!((off - model.unwrap()).abs() < 3.0 * noise && off.abs() < 0.004);
+    let (off, noise) = against_path_tracing("cornell");
+    assert!(off.abs() < 3.0 * noise);
 }
 
+/// (Measured: -0.01%, noise 0.08%.)
 #[test]
 fn organic_against_path_tracing() {
-    let (off, _, noise) = against_path_tracing("organic", 20_000, false);
+    let (off, noise) = against_path_tracing("organic");
     assert!(off.abs() < 3.0 * noise);
 }
 
 /// A ray brings light from one surfel at most, and all rays weigh the same. In a closed room all of
 /// them should bring some; between cells that are no mesh, some slip into bodies and meet their backs
-/// from inside. (Measured: 0.980; without a rim 0.957.)
+/// from inside. (Measured: 0.995; without a rim 0.957.)
 #[test]
 fn rows_sum_up_to_one_at_most() {
     let case = Case::new(&scene("organic", 2000));
@@ -282,7 +272,7 @@ fn rows_sum_up_to_one_at_most() {
     let whole = sums.iter().filter(|&&sum| sum == 1.0).count();
     let mean = sums.iter().sum::<f64>() / sums.len() as f64;
     println!("row sum {mean:.4}, {whole} of {} are 1", sums.len());
-    assert!(mean > 0.975);
+    assert!(mean > 0.99);
 }
 
 #[test]

@@ -141,6 +141,7 @@ fn a_map_is_that_of_the_cpu() {
     let options = SceneOptions {
         points: Some(3000),
         seed: 1,
+        ..SceneOptions::default()
     };
     let scene = Scene::load(path.as_ref(), &options, &Silent).unwrap();
     let options = Options {

@@ -35,6 +35,7 @@ impl Lit {
         let options = SceneOptions {
             points: Some(points),
             seed: 1,
+            ..SceneOptions::default()
         };
         let scene = Scene::load(path.as_ref(), &options, &Silent).unwrap();
         let prepared = Surfels::prepare(&scene.cloud, &Silent).unwrap();

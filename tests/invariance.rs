@@ -18,6 +18,7 @@ fn scene(points: usize) -> Scene {
     let options = SceneOptions {
         points: Some(points),
         seed: 3,
+        ..SceneOptions::default()
     };
     let mut scene = Scene::load(&path, &options, &Silent).unwrap();
     scene.cloud.areas.clear();

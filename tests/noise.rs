@@ -52,6 +52,7 @@ fn noisy_rooms_are_lit_as_true_ones() {
         let options = SceneOptions {
             points: Some(20_000),
             seed: 1,
+            ..SceneOptions::default()
         };
         let scene = Scene::load(&path, &options, &Silent).unwrap();
         let chosen: Vec<usize> = (0..scene.cloud.len()).step_by(40).collect();

@@ -21,6 +21,7 @@ fn scene(name: &str, points: usize) -> Surfels {
     let options = SceneOptions {
         points: Some(points),
         seed: 1,
+        ..SceneOptions::default()
     };
     let scene = Scene::load(&path, &options, &Silent).unwrap();
     Surfels::prepare(&scene.cloud, &Silent).unwrap().surfels

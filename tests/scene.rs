@@ -14,6 +14,7 @@ fn options(points: impl Into<Option<usize>>, seed: u64) -> SceneOptions {
     SceneOptions {
         points: points.into(),
         seed,
+        ..SceneOptions::default()
     }
 }
 

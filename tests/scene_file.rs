@@ -14,7 +14,15 @@ fn load_text(text: &str, points: impl Into<Option<usize>>) -> Result<Scene> {
     let path = folder.path().join("scene.toml");
     fs::write(&path, text).unwrap();
     let points = points.into();
-    Scene::load(&path, &SceneOptions { points, seed: 1 }, &Silent)
+    Scene::load(
+        &path,
+        &SceneOptions {
+            points,
+            seed: 1,
+            ..SceneOptions::default()
+        },
+        &Silent,
+    )
 }
 
 fn shape(shape: &str, points: usize) -> PointCloud {

@@ -20,6 +20,7 @@ fn surfels(name: &str) -> Surfels {
     let options = SceneOptions {
         points: Some(20_000),
         seed: 1,
+        ..SceneOptions::default()
     };
     let scene = Scene::load(&path, &options, &Silent).unwrap();
     Surfels::prepare(&scene.cloud, &Silent).unwrap().surfels

@@ -21,6 +21,7 @@ fn scene(name: &str) -> Scene {
     let options = SceneOptions {
         points: Some(20_000),
         seed: 1,
+        ..SceneOptions::default()
     };
     Scene::load(&path, &options, &Silent).unwrap()
 }

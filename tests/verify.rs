@@ -19,6 +19,7 @@ fn scene(name: &str, points: usize) -> Scene {
     let options = SceneOptions {
         points: Some(points),
         seed: 1,
+        ..SceneOptions::default()
     };
     Scene::load(&path, &options, &Silent).unwrap()
 }

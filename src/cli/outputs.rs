@@ -6,9 +6,17 @@ use std::path::{Path, PathBuf};
 use fmmgi_gpu::output::check_writable;
 use fmmgi_gpu::{Error, Result};
 
-/// Fails if an output is the input, two outputs are the same file, or one cannot be written.
-pub fn check(input: &Path, outputs: &[&Path]) -> Result<()> {
-    spare(input, outputs)?;
+/// The names of all inputs, as one for messages.
+pub fn names(inputs: &[PathBuf]) -> String {
+    let names: Vec<_> = inputs.iter().map(|input| input.to_string_lossy()).collect();
+    names.join(", ")
+}
+
+/// Fails if an output is an input, two outputs are the same file, or one cannot be written.
+pub fn check(inputs: &[PathBuf], outputs: &[&Path]) -> Result<()> {
+    for input in inputs {
+        spare(input, outputs)?;
+    }
     for (i, output) in outputs.iter().enumerate() {
         if let Some(other) = outputs[..i].iter().find(|other| same_file(output, other)) {
             return Err(Error::Usage(format!(

@@ -23,8 +23,9 @@ use super::{Done, backend, outputs, picture};
 /// printed.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scan (.ply) or scene file (.toml)
-    input: PathBuf,
+    /// Scans, and at most one scene file (.toml)
+    #[arg(required = true)]
+    inputs: Vec<PathBuf>,
     /// Write the points with their light
     #[arg(short, long, value_name = "OUT.ply")]
     output: Option<PathBuf>,
@@ -34,9 +35,12 @@ pub struct Args {
     /// Write what was done and how well it went
     #[arg(long, value_name = "OUT.json")]
     stats: Option<PathBuf>,
-    /// Points to make on the shapes of a scene file
+    /// Points to make on the shapes of a scene file, and on a mesh
     #[arg(long, value_name = "N")]
     points: Option<NonZeroUsize>,
+    /// Take the faces of PLY files as the surface, and make points on them
+    #[arg(long)]
+    mesh: bool,
     /// How the light is summed up
     #[arg(long, value_enum, default_value = "auto")]
     method: MethodArg,
@@ -117,7 +121,7 @@ pub fn run(args: &Args) -> Result<Done> {
         .into_iter()
         .filter_map(Option::as_deref)
         .collect();
-    outputs::check(&args.input, &files)?;
+    outputs::check(&args.inputs, &files)?;
     let options = args.options();
     let chosen = backend::choose(args.backend, args.adapter.as_deref(), options.method)?;
     if let Some(threads) = args.threads {
@@ -132,10 +136,11 @@ pub fn run(args: &Args) -> Result<Done> {
     let options_of_scene = SceneOptions {
         points: args.points.map(NonZeroUsize::get),
         seed: args.seed,
+        mesh: args.mesh,
     };
-    let mut scene = Scene::load(&args.input, &options_of_scene, &progress)?;
+    let mut scene = Scene::load_all(&args.inputs, &options_of_scene, &progress)?;
     for source in &scene.sources {
-        outputs::spare(source, &files)?;
+        outputs::spare(&source.path, &files)?;
     }
     scene.lights.extend(&args.light);
     scene.sky = args.sky.unwrap_or(scene.sky);
@@ -144,7 +149,7 @@ pub fn run(args: &Args) -> Result<Done> {
     progress.note(&format!("backend: {}", chosen.describe()));
 
     let mut result = illuminate(&scene, &options, chosen.backend(), &progress)
-        .map_err(|error| error.about(&args.input))?;
+        .map_err(|error| error.about(outputs::names(&args.inputs)))?;
 
     // Everything is computed before anything is written: an interruption leaves no half result.
     let png = args

@@ -28,8 +28,9 @@ use super::{Done, backend, outputs, picture};
 /// printed.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scan (.ply) or scene file (.toml)
-    input: PathBuf,
+    /// Scans, and at most one scene file (.toml)
+    #[arg(required = true)]
+    inputs: Vec<PathBuf>,
     /// Place to look from, in the scan's unit
     #[arg(long, value_name = "X,Y,Z", value_parser = values::place, allow_hyphen_values = true)]
     from: DVec3,
@@ -39,9 +40,12 @@ pub struct Args {
     /// Write a picture
     #[arg(long, value_name = "OUT.png")]
     image: Option<PathBuf>,
-    /// Points to make on the shapes of a scene file
+    /// Points to make on the shapes of a scene file, and on a mesh
     #[arg(long, value_name = "N")]
     points: Option<NonZeroUsize>,
+    /// Take the faces of PLY files as the surface, and make points on them
+    #[arg(long)]
+    mesh: bool,
     /// What stands in the way
     #[arg(long, value_enum, default_value = "classic")]
     visibility: VisibilityArg,
@@ -90,21 +94,22 @@ pub fn run(args: &Args) -> Result<Done> {
         .into_iter()
         .filter_map(Option::as_deref)
         .collect();
-    outputs::check(&args.input, &files)?;
+    outputs::check(&args.inputs, &files)?;
     let chosen = backend::choose(args.backend, args.adapter.as_deref(), Method::Fmm)?;
     terminal::stop_on_ctrl_c();
     let progress = Terminal::new(args.quiet, args.verbose);
     let options = SceneOptions {
         points: args.points.map(NonZeroUsize::get),
         seed: args.seed,
+        mesh: args.mesh,
     };
-    let scene = Scene::load(&args.input, &options, &progress)?;
+    let scene = Scene::load_all(&args.inputs, &options, &progress)?;
     for source in &scene.sources {
-        outputs::spare(source, &files)?;
+        outputs::spare(&source.path, &files)?;
     }
     progress.note(&format!("backend: {}", chosen.describe()));
 
-    let about = |error: Error| error.about(&args.input);
+    let about = |error: Error| error.about(outputs::names(&args.inputs));
     let prepared = Surfels::prepare(&scene.cloud, &progress).map_err(about)?;
     let (octree, surfels) = Octree::build(&prepared.surfels, LEAF_SIZE);
     let from = nearest(&surfels, args.from);

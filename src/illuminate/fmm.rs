@@ -29,6 +29,8 @@ const LEAST_SEGMENTS: u64 = 1 << 16;
 const POWER: [f64; 2] = [0.45, 1.0];
 /// Part of the error of the model below which nothing is refined.
 const OF_MODEL: f64 = 1.0 / 3.0;
+/// A refinement has to take the error down by more than to this part of it, else it was the last.
+const STUCK: f64 = 0.95;
 /// What a refinement aims at, in units of what would just do.
 const AIM: f64 = 0.9;
 /// Bounds of the factor on what is allowed from one round to the next.
@@ -110,12 +112,14 @@ impl Task<'_> {
                 },
             };
             let ended = solved.ended;
+            let last = best.take().and_then(|last: Solved| last.verified);
+            let stuck = last.is_some_and(|last| verified.bound() > STUCK * last.bound());
             best = Some(Solved {
                 verified: Some(verified),
                 model_error: model,
                 ..solved
             });
-            if verified.met || !ended.converged || round + 1 == ROUNDS {
+            if verified.met || stuck || !ended.converged || round + 1 == ROUNDS {
                 break;
             }
             let reflected = verified.reflected.map_or(0.0, |r| r.rel_l2.value);

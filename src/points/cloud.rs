@@ -1,5 +1,7 @@
 //! A point cloud as it was read.
 
+use std::ops::Range;
+
 use glam::{DVec3, Vec3};
 
 /// Reflectance of points that carry no colour.
@@ -22,8 +24,19 @@ pub struct PointCloud {
     pub reflectance: Vec<Vec3>,
     /// Linear RGB radiant exitance; zero where a point does not shine.
     pub emission: Vec<Vec3>,
+    /// Where points were measured from, as far as the source tells; ranges in ascending order.
+    pub scanners: Vec<Scanner>,
     /// Repairs that reading made, each as "count what": shown to the user.
     pub repairs: Vec<String>,
+}
+
+/// A place that some points were measured from: their surfaces face it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scanner {
+    /// In the coordinates of the points.
+    pub position: DVec3,
+    /// The points of this scan.
+    pub points: Range<usize>,
 }
 
 impl PointCloud {

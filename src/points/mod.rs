@@ -2,6 +2,7 @@
 
 mod cells;
 mod cloud;
+mod fingerprint;
 mod neighbours;
 mod rule;
 mod select;
@@ -9,5 +10,6 @@ mod smooth;
 mod surfels;
 
 pub use cells::{Cells, MAX_EDGES};
-pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
+pub use cloud::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud, Scanner};
+pub(crate) use surfels::check;
 pub use surfels::{Prepared, Surfels};

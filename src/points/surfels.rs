@@ -228,7 +228,7 @@ impl Surfels {
 
 /// Refuses a cloud, made by a program, that no reader would hand over: arrays of the wrong length,
 /// light and material that do not exist.
-fn check(cloud: &PointCloud) -> Result<()> {
+pub(crate) fn check(cloud: &PointCloud) -> Result<()> {
     let n = cloud.len();
     let optional = |length: usize| if length == 0 { n } else { length };
     for (what, length) in [

@@ -43,6 +43,13 @@ pub(super) struct CloudTable {
     pub reflectance: Option<Reflectance>,
     /// Instead of the emission of the scan.
     pub emission: Option<Light>,
+    /// Sample the faces of a PLY file.
+    #[serde(default)]
+    pub mesh: bool,
+    /// Number of points on a mesh.
+    pub points: Option<Count>,
+    /// Mean distance of points on a mesh, in the unit of the scene.
+    pub spacing: Option<Length>,
 }
 
 /// `[[light]]`

@@ -9,15 +9,15 @@ use glam::Vec3;
 use super::file::{CloudTable, SceneFile};
 use super::sample::sample_model;
 use super::surface::Model;
-use super::{Scene, SceneOptions};
+use super::{PointLight, Scene, SceneOptions, Source};
 use crate::error::{Error, Result};
 use crate::memory;
-use crate::points::{DEFAULT_REFLECTANCE, PointCloud};
+use crate::points::{DEFAULT_REFLECTANCE, PointCloud, Scanner};
 use crate::progress::Progress;
-use crate::scan;
+use crate::scan::{MeshOptions, Scan};
 
 /// Points on built-in shapes when nobody says how many.
-const DEFAULT_POINTS: usize = 20_000;
+pub(crate) const DEFAULT_POINTS: usize = 20_000;
 /// No scene file is longer; a scan under the wrong name is.
 const LONGEST_FILE: u64 = 16 << 20;
 
@@ -34,19 +34,105 @@ impl Scene {
     /// [`Error::Usage`] when a number of points is asked for that cannot be;
     /// [`Error::TooLarge`] before more points are made than memory holds.
     pub fn load(path: &Path, options: &SceneOptions, progress: &dyn Progress) -> Result<Scene> {
+        Scene::load_all(&[path], options, progress)
+    }
+
+    /// Reads several files into one scene, in their order: any number of scans and at most one
+    /// scene file.
+    ///
+    /// # Errors
+    /// As [`Scene::load`]; also [`Error::Usage`] for a second scene file.
+    pub fn load_all<P: AsRef<Path>>(
+        paths: &[P],
+        options: &SceneOptions,
+        progress: &dyn Progress,
+    ) -> Result<Scene> {
         if options.points == Some(0) {
             return Err(Error::Usage("0 points: a scene needs at least 1".into()));
         }
-        if is_scene_file(path) {
-            load_scene_file(path, options, progress)
-        } else {
-            no_points_wanted(path, options)?;
-            Ok(Scene {
-                cloud: scan::read(path, progress)?,
-                sources: vec![path.to_owned()],
-                ..Scene::default()
-            })
+        let paths = paths.iter().map(AsRef::as_ref);
+        let mut scene = Scene::default();
+        let mut has_surfaces = false;
+        if let Some(second) = paths.clone().filter(|path| is_scene_file(path)).nth(1) {
+            return Err(Error::Usage(format!(
+                "{}: a second scene file; only scans can be added to one",
+                second.display()
+            )));
         }
+        for path in paths.clone() {
+            let surfaces = if is_scene_file(path) {
+                scene.add_scene_file(path, options, progress)?
+            } else {
+                let mesh = mesh_options(options);
+                let scan = Scan::read(path, &mesh, progress)?;
+                let sampled = scan.sampled;
+                scene.add(path.to_owned(), scan.cloud);
+                sampled
+            };
+            has_surfaces |= surfaces;
+        }
+        // A number of points says how finely surfaces are sampled; scans are not resampled.
+        match (options.points, paths.last()) {
+            (Some(_), Some(path)) if !has_surfaces => Err(Error::Usage(format!(
+                "{}: the number of points can be chosen only for built-in shapes and meshes, not \
+                 for a scan",
+                path.display()
+            ))),
+            _ => Ok(scene),
+        }
+    }
+
+    /// Adds the points of a file behind those that are there.
+    fn add(&mut self, path: PathBuf, cloud: PointCloud) {
+        let before = self.cloud.len();
+        append(&mut self.cloud, cloud);
+        self.sources.push(Source {
+            path,
+            points: before..self.cloud.len(),
+        });
+    }
+
+    /// Adds all that a scene file has; tells whether points were made on shapes or meshes.
+    fn add_scene_file(
+        &mut self,
+        path: &Path,
+        options: &SceneOptions,
+        progress: &dyn Progress,
+    ) -> Result<bool> {
+        let text = read_text(path)?;
+        let file: SceneFile =
+            toml::from_str(&text).map_err(|e| Error::input(path, in_words(&e)))?;
+        if file.shape.is_empty() && file.cloud.is_empty() {
+            return Err(Error::input(
+                path,
+                "nothing to light: a scene needs a [[shape]] or a [[cloud]]",
+            ));
+        }
+        let mut has_surfaces = !file.shape.is_empty();
+        let mut shapes = PointCloud::default();
+        if has_surfaces {
+            let mut model = Model::default();
+            file.shape.iter().for_each(|shape| shape.build(&mut model));
+            let in_file = file.points.map(|n| n.0);
+            let count = options.points.or(in_file).unwrap_or(DEFAULT_POINTS);
+            check_size(path, count)?;
+            shapes = sample_model(path, &model, count, options.seed, progress)?;
+        } else if file.points.is_some() {
+            let message = "points: there is no [[shape]] to put them on";
+            return Err(Error::input(path, message));
+        }
+        self.add(path.to_owned(), shapes);
+        for table in &file.cloud {
+            let scan_path = scan_path(path, table)?;
+            let scan = Scan::read(&scan_path, &table.mesh_options(options), progress)?;
+            has_surfaces |= scan.sampled;
+            self.add(scan_path, place(scan.cloud, table));
+        }
+        self.lights.extend(file.light.iter().map(PointLight::from));
+        self.sky = file.sky.0;
+        self.camera = file.camera.map(|c| c.0);
+        self.tolerance = file.tolerance.map(|t| t.0);
+        Ok(has_surfaces)
     }
 }
 
@@ -55,56 +141,31 @@ fn is_scene_file(path: &Path) -> bool {
         .is_some_and(|e| e.eq_ignore_ascii_case("toml"))
 }
 
-/// A number of points says how finely shapes are sampled; scans are not resampled.
-fn no_points_wanted(path: &Path, options: &SceneOptions) -> Result<()> {
-    match options.points {
-        None => Ok(()),
-        Some(_) => Err(Error::Usage(format!(
-            "{}: the number of points can be chosen only for built-in shapes, not for a scan",
-            path.display()
-        ))),
+fn mesh_options(options: &SceneOptions) -> MeshOptions {
+    MeshOptions {
+        faces: options.mesh,
+        points: options.points,
+        spacing: None,
+        seed: options.seed,
     }
 }
 
-fn load_scene_file(path: &Path, options: &SceneOptions, progress: &dyn Progress) -> Result<Scene> {
-    let text = read_text(path)?;
-    let file: SceneFile = toml::from_str(&text).map_err(|e| Error::input(path, in_words(&e)))?;
-    if file.shape.is_empty() && file.cloud.is_empty() {
-        return Err(Error::input(
-            path,
-            "nothing to light: a scene needs a [[shape]] or a [[cloud]]",
-        ));
-    }
-
-    let mut cloud = PointCloud::default();
-    if file.shape.is_empty() {
-        no_points_wanted(path, options)?;
-        if file.points.is_some() {
-            let message = "points: there is no [[shape]] to put them on";
-            return Err(Error::input(path, message));
+impl CloudTable {
+    /// What the file says goes before what the caller asks for; lengths are those of the scene.
+    fn mesh_options(&self, options: &SceneOptions) -> MeshOptions {
+        let scale = self.scale.map_or(1.0, |s| s.0);
+        let general = mesh_options(options);
+        let says_how_many = self.points.is_some() || self.spacing.is_some();
+        MeshOptions {
+            faces: self.mesh || general.faces,
+            points: self
+                .points
+                .map(|n| n.0)
+                .or(general.points.filter(|_| !says_how_many)),
+            spacing: self.spacing.map(|s| s.0 / scale),
+            ..general
         }
-    } else {
-        let mut model = Model::default();
-        file.shape.iter().for_each(|shape| shape.build(&mut model));
-        let in_file = file.points.map(|n| n.0);
-        let count = options.points.or(in_file).unwrap_or(DEFAULT_POINTS);
-        check_size(path, count)?;
-        cloud = sample_model(path, &model, count, options.seed, progress)?;
     }
-    let mut sources = vec![path.to_owned()];
-    for table in &file.cloud {
-        let scan = scan_path(path, table)?;
-        append(&mut cloud, place(scan::read(&scan, progress)?, table));
-        sources.push(scan);
-    }
-    Ok(Scene {
-        cloud,
-        lights: file.light.iter().map(Into::into).collect(),
-        sky: file.sky.0,
-        camera: file.camera.map(|c| c.0),
-        tolerance: file.tolerance.map(|t| t.0),
-        sources,
-    })
 }
 
 fn read_text(path: &Path) -> Result<String> {
@@ -172,6 +233,9 @@ fn place(mut cloud: PointCloud, table: &CloudTable) -> PointCloud {
     for p in &mut cloud.positions {
         *p = turn * (*p * scale) + table.translate.0;
     }
+    for scanner in &mut cloud.scanners {
+        scanner.position = turn * (scanner.position * scale) + table.translate.0;
+    }
     let turn = turn.as_quat();
     cloud.normals.iter_mut().for_each(|n| *n = turn * *n);
     let areas = (scale * scale) as f32;
@@ -220,6 +284,11 @@ fn append(cloud: &mut PointCloud, more: PointCloud) {
         cloud.areas.extend(more.areas);
     }
     cloud.positions.extend(more.positions);
+    let shifted = more.scanners.into_iter().map(|scanner| Scanner {
+        points: scanner.points.start + before..scanner.points.end + before,
+        ..scanner
+    });
+    cloud.scanners.extend(shifted);
     cloud.repairs.extend(more.repairs);
 }
 
@@ -236,6 +305,10 @@ mod tests {
             areas: vec![0.5],
             reflectance: vec![Vec3::splat(0.2)],
             emission: vec![Vec3::ZERO],
+            scanners: vec![Scanner {
+                position: dvec3(0.0, 1.0, 0.0),
+                points: 0..1,
+            }],
             repairs: vec!["1 repair".into()],
         }
     }
@@ -250,6 +323,8 @@ mod tests {
         // (2, 4, 6) about x: (2, -6, 4); about z: (6, 2, 4).
         assert!((cloud.positions[0] - dvec3(16.0, 2.0, 4.0)).length() < 1e-12);
         assert!((cloud.normals[0] - Vec3::X).length() < 1e-6);
+        // (0, 2, 0) about x: (0, 0, 2).
+        assert!((cloud.scanners[0].position - dvec3(10.0, 0.0, 2.0)).length() < 1e-12);
         assert_eq!(cloud.areas, [2.0]);
         assert_eq!(cloud.reflectance, [Vec3::splat(0.2)]);
         assert_eq!(cloud.emission, [Vec3::splat(3.0)]);
@@ -272,6 +347,8 @@ mod tests {
         assert_eq!(cloud.reflectance, reflectance);
         assert_eq!(cloud.emission, [Vec3::ZERO; 3]);
         assert!(cloud.areas.is_empty());
+        let ranges: Vec<_> = cloud.scanners.iter().map(|s| s.points.clone()).collect();
+        assert_eq!(ranges, [0..1, 2..3]);
         assert_eq!(cloud.repairs.len(), 2);
     }
 }

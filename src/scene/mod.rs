@@ -8,6 +8,7 @@ mod shapes;
 mod surface;
 mod values;
 
+use std::ops::Range;
 use std::path::PathBuf;
 
 use glam::{DVec3, Vec3};
@@ -52,14 +53,25 @@ pub struct Scene {
     /// Tolerance of the scene file.
     pub tolerance: Option<f64>,
     /// The files it was read from.
-    pub sources: Vec<PathBuf>,
+    pub sources: Vec<Source>,
+}
+
+/// A file of a scene.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Source {
+    pub path: PathBuf,
+    /// Its points in the cloud of the scene; of a scene file those of its shapes.
+    pub points: Range<usize>,
 }
 
 /// What the caller of [`Scene::load`] can set.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SceneOptions {
-    /// Points to put on the built-in shapes; `None` takes the scene file's number, or 20000.
+    /// Points to put on the built-in shapes, and on each mesh whose number the scene file does not
+    /// say; `None` takes the scene file's number, or 20000.
     pub points: Option<usize>,
-    /// Moves the points of built-in shapes within their strata; the shapes stay what they are.
+    /// Moves the points of shapes and meshes within their strata; the surfaces stay what they are.
     pub seed: u64,
+    /// Samples the faces of PLY files, as [`MeshOptions::faces`](crate::scan::MeshOptions::faces).
+    pub mesh: bool,
 }

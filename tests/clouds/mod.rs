@@ -84,7 +84,7 @@ pub fn permuted(cloud: &PointCloud, order: &[usize]) -> PointCloud {
         },
         reflectance: pick(&cloud.reflectance),
         emission: pick(&cloud.emission),
-        repairs: Vec::new(),
+        ..PointCloud::default()
     }
 }
 

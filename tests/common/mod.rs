@@ -47,6 +47,7 @@ pub fn scene(name: &str, points: usize) -> Scene {
     let options = SceneOptions {
         points: Some(points),
         seed: 1,
+        ..SceneOptions::default()
     };
     Scene::load(path.as_ref(), &options, &Silent).unwrap()
 }

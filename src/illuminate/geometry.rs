@@ -1,0 +1,98 @@
+//! The cloud made ready for light: what no light changes, and the way back to its points.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::DVec3;
+
+use super::Backend;
+use super::options::{Occlusion, Options, expansions};
+use super::stats::Seconds;
+use crate::error::{Error, Result};
+use crate::map::IlluminationMap;
+use crate::octree::Octree;
+use crate::points::{self, PointCloud, Surfels};
+use crate::progress::Progress;
+use crate::visibility::Occluders;
+
+/// The surfels of a cloud in the order of their octree.
+pub(super) struct Geometry {
+    pub surfels: Arc<Surfels>,
+    pub octree: Octree,
+    /// What stands in the way; `None` if nothing does.
+    pub occluders: Option<Occluders>,
+    /// For each point of the cloud the surfel whose light it gets, if any.
+    pub places: Vec<Option<u32>>,
+    /// That of the cloud.
+    pub fingerprint: u64,
+    /// Largest order of the expansions that the octree is made for.
+    pub order: usize,
+    /// What was left out or merged, with counts.
+    pub repairs: Vec<String>,
+}
+
+impl Geometry {
+    /// Also tells the seconds that it took.
+    pub fn prepare(
+        cloud: &PointCloud,
+        options: &Options,
+        tolerance: f64,
+        backend: &Backend,
+        progress: &dyn Progress,
+    ) -> Result<(Geometry, Seconds)> {
+        let start = Instant::now();
+        let prepared = Surfels::prepare(cloud, progress)?;
+        let prepare = start.elapsed().as_secs_f64();
+        progress.stage("octree", 1);
+        let (order, leaf_size) = expansions(options, tolerance, prepared.surfels.len(), backend)?;
+        let (octree, surfels) = Octree::build(&prepared.surfels, leaf_size);
+        let places = prepared.places(&surfels);
+        drop(prepared.surfels);
+        let geometry = Geometry {
+            occluders: match options.occlusion {
+                Occlusion::Surfels => Some(Occluders::build(&surfels)),
+                Occlusion::None => None,
+            },
+            surfels: Arc::new(surfels),
+            places,
+            fingerprint: cloud.fingerprint(),
+            octree,
+            order,
+            repairs: prepared.repairs,
+        };
+        let seconds = Seconds {
+            prepare,
+            octree: start.elapsed().as_secs_f64() - prepare,
+            ..Seconds::default()
+        };
+        Ok((geometry, seconds))
+    }
+
+    /// Takes over what the points of the cloud reflect and emit by now.
+    pub fn paint(&mut self, cloud: &PointCloud) -> Result<()> {
+        points::check(cloud)?;
+        if cloud.len() != self.places.len() || cloud.fingerprint() != self.fingerprint {
+            return Err(Error::Invalid(
+                "this is not the cloud that the transport was found for: between two lights only \
+                 reflectance, emission and lights may change, points and areas stay"
+                    .into(),
+            ));
+        }
+        let Surfels {
+            reflectance,
+            emission,
+            points,
+            ..
+        } = Arc::make_mut(&mut self.surfels);
+        for (k, &point) in points.iter().enumerate() {
+            reflectance[k] = cloud.reflectance[point as usize];
+            emission[k] = cloud.emission[point as usize];
+        }
+        Ok(())
+    }
+
+    /// Hands the irradiance of the surfels to the points of the cloud.
+    pub fn map(&self, cloud: &PointCloud, irradiance: &[DVec3]) -> IlluminationMap {
+        IlluminationMap::new(cloud, &self.places, &self.surfels, irradiance)
+    }
+}

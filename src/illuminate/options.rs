@@ -1,0 +1,197 @@
+//! What can be asked for, and what is refused.
+
+use glam::{DVec3, Vec3};
+use serde::Serialize;
+
+use super::RAYS;
+use crate::error::{Error, Result};
+use crate::links;
+use crate::octree::LEAF_SIZE;
+use crate::passes::gpu;
+use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
+
+/// How the transport operator is applied.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Exact sum over all pairs of surfels, in f64 on the CPU: the truth, for small clouds.
+    Direct,
+    /// Links between facets, expansions, tested visibility.
+    Fmm,
+    /// The adaptive lists and the hierarchical visibility of Goradia's report: tests all pairs.
+    Classic,
+    /// Rays from every surfel, whose hits are kept for all bounces. Surfels are as large as their
+    /// cells: areas given in the file do not count. The rays are cast on the CPU on every backend.
+    Gather,
+    /// `Direct` where that is cheaper, otherwise `Fmm`.
+    #[default]
+    Auto,
+}
+
+/// What stands in the way of light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Occlusion {
+    /// The cells of the surfels.
+    #[default]
+    Surfels,
+    /// Nothing.
+    None,
+}
+
+/// What is asked for.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// How the operator is applied.
+    pub method: Method,
+    /// What blocks light.
+    pub occlusion: Occlusion,
+    /// Relative error asked for; `None` takes the scene's, or 0.03.
+    pub tolerance: Option<f64>,
+    /// Largest order of the expansions; `None` takes 1, and without occlusion or by the classic method
+    /// what the tolerance needs.
+    pub order: Option<usize>,
+    /// Bounces to follow; `None` goes on until the solution stands.
+    pub max_bounces: Option<u32>,
+    /// Rays from each surfel with the method `Gather`, rounded up to a power of two; `None` casts as
+    /// many as the tolerance needs.
+    pub rays: Option<u32>,
+    /// Refine until the tolerance is met even where the points allow no such accuracy: otherwise a
+    /// third of the estimated error of the model is enough.
+    pub below_model: bool,
+    /// Seed of all samples: the same seed gives the same bits.
+    pub seed: u64,
+}
+
+/// Where the passes run.
+pub enum Backend<'a> {
+    /// f32 on all threads of the current rayon pool.
+    Cpu,
+    /// WGSL on a device that the caller made.
+    Gpu {
+        /// Large clouds need the buffer limits (`max_buffer_size` and
+        /// `max_storage_buffer_binding_size`) that the adapter offers, not the default ones.
+        device: &'a wgpu::Device,
+        /// The device's queue.
+        queue: &'a wgpu::Queue,
+        /// Its name, for the stats.
+        adapter: &'a str,
+    },
+}
+
+/// Clouds up to this size are summed up directly when the method is left open: finding links
+/// would cost more segments than testing all pairs.
+const DIRECT_UP_TO: usize = 1000;
+
+/// Default of [`Options::tolerance`].
+pub const DEFAULT_TOLERANCE: f64 = 0.03;
+
+/// Order of the expansions of links whose visibility is sampled: that is what limits their accuracy.
+const ORDER: usize = 1;
+/// Highest order on the CPU. In f32 rounding leaves nothing to gain beyond.
+const MAX_ORDER: usize = 12;
+
+/// Largest order of the expansions, and the size of the leaves for it.
+pub(super) fn expansions(
+    options: &Options,
+    tolerance: f64,
+    surfels: usize,
+    backend: &Backend,
+) -> Result<(usize, usize)> {
+    let open = options.occlusion == Occlusion::None;
+    let classic = options.method == Method::Classic;
+    let order = options.order.unwrap_or(match open || classic {
+        true => links::open::order(tolerance),
+        false => ORDER,
+    });
+    let (most, place) = match backend {
+        Backend::Cpu => (MAX_ORDER, "on the CPU"),
+        Backend::Gpu { .. } => (gpu::MAX_ORDER, "on a GPU"),
+    };
+    if order > most {
+        return Err(Error::Usage(format!(
+            "order {order}: expansions {place} have orders up to {most}"
+        )));
+    }
+    let leaf_size = match (open, classic) {
+        (true, _) => links::open::leaf_size(order, surfels),
+        (false, true) => links::CLASSIC_LEAF_SIZE,
+        (false, false) => LEAF_SIZE,
+    };
+    Ok((order, leaf_size))
+}
+
+/// Refuses what the method cannot do, or would ignore.
+pub(super) fn check_options(options: &Options, backend: &Backend) -> Result<()> {
+    let usage = |what: String| Err(Error::Usage(what));
+    let method = options.method;
+    if method == Method::Gather && options.occlusion == Occlusion::None {
+        return usage(
+            "the gather method follows rays to the surface that they meet, which is in the way of \
+             all behind it: without occlusion use another method"
+                .into(),
+        );
+    }
+    if options.rays.is_some() && method != Method::Gather {
+        return usage("rays belong to the gather method: use --method gather".into());
+    }
+    if options.rays.is_some_and(|n| !RAYS.contains(&n)) {
+        return usage(format!(
+            "a surfel casts from {} to {} rays",
+            RAYS.start(),
+            RAYS.end()
+        ));
+    }
+    if options.order.is_some() && matches!(method, Method::Gather | Method::Direct) {
+        return usage(
+            "an order belongs to expansions: the methods direct and gather have none".into(),
+        );
+    }
+    match (method, backend) {
+        (Method::Direct, Backend::Gpu { .. }) => usage(
+            "the direct method is the reference in f64 and runs on the CPU only: use --backend \
+             cpu, or --method fmm"
+                .into(),
+        ),
+        _ => Ok(()),
+    }
+}
+
+/// The method that is taken. Who asks for an order wants expansions.
+pub(super) fn choose(options: &Options, backend: &Backend, surfels: usize) -> Method {
+    let few = surfels <= DIRECT_UP_TO && options.order.is_none();
+    match (options.method, backend) {
+        (Method::Auto, Backend::Cpu) if few => Method::Direct,
+        (Method::Auto, _) => Method::Fmm,
+        (chosen, _) => chosen,
+    }
+}
+
+/// Numbers that no light can have.
+pub(super) fn check_scene(scene: &Scene, tolerance: f64) -> Result<()> {
+    let invalid = |what: String| Err(Error::Invalid(what));
+    if !TOLERANCES.contains(&tolerance) {
+        return invalid(format!(
+            "tolerance {tolerance}: must lie between {} and {}",
+            TOLERANCES.start(),
+            TOLERANCES.end()
+        ));
+    }
+    let shines = |rgb: Vec3| rgb.cmpge(Vec3::ZERO).all() && rgb.cmple(Vec3::splat(BRIGHTEST)).all();
+    for (k, light) in scene.lights.iter().enumerate() {
+        if !(light.position.abs().cmple(DVec3::splat(LARGEST)).all() && shines(light.intensity)) {
+            return invalid(format!(
+                "light {k} at {} with intensity {}: numbers must be finite, intensities not \
+                 negative",
+                light.position, light.intensity
+            ));
+        }
+    }
+    if !shines(scene.sky) {
+        return invalid(format!(
+            "sky {}: must be finite and not negative",
+            scene.sky
+        ));
+    }
+    Ok(())
+}
