@@ -63,6 +63,7 @@ fn one(name: &str, points: usize, tolerance: f64) {
     let options = SceneOptions {
         points: Some(points),
         seed: 1,
+        ..SceneOptions::default()
     };
     let scene = Scene::load(path.as_ref(), &options, &Silent).unwrap();
     let options = Options {

@@ -561,7 +561,9 @@ fn a_tolerance_that_is_missed_is_told_with_code_4() {
                  [1, 1, 2], inward = true, open = ['front'] }\n";
     fs::write(folder.path().join("porch.toml"), porch).unwrap();
     let solve = |tolerance| {
-        let args = format!("solve porch.toml --method fmm --backend cpu --tolerance {tolerance}");
+        let args = format!(
+            "solve porch.toml --method fmm --backend cpu --below-model --tolerance {tolerance}"
+        );
         let output = run(folder.path(), &args).get_output().clone();
         let summary = String::from_utf8_lossy(&output.stdout).into_owned();
         (output.status.code(), summary.contains("TOLERANCE NOT MET"))

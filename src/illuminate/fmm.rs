@@ -1,5 +1,6 @@
 //! The way by links: made, verified, and refined until the tolerance is met.
 
+use std::borrow::Cow;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
@@ -31,6 +32,8 @@ const LEAST_SEGMENTS: u64 = 1 << 16;
 const POWER: [f64; 2] = [0.45, 1.0];
 /// Part of the error of the model below which nothing is refined.
 const OF_MODEL: f64 = 1.0 / 3.0;
+/// A refinement has to take the error down by more than to this part of it, else it was the last.
+const STUCK: f64 = 0.95;
 /// What a refinement aims at, in units of what would just do.
 const AIM: f64 = 0.9;
 /// Bounds of the factor on what is allowed from one round to the next.
@@ -89,15 +92,12 @@ impl Task<'_> {
                 let start = Some(before.reflected.as_slice());
                 let work = self.work(&direct.irradiance, start, self.stop());
                 let bounced = solve(linked, &work)?;
+                let noise = effort.links / ERROR_A_LINK;
                 Ok(match smoother {
                     None => bounced,
-                    Some(smoother) => even(
-                        bounced,
-                        surfels,
-                        smoother,
-                        &direct.irradiance,
-                        self.tolerance,
-                    ),
+                    Some(smoother) => {
+                        even(bounced, surfels, smoother, &direct.irradiance, noise)
+                    }
                 })
             });
             let found = match (found.transpose(), &best) {
@@ -128,12 +128,14 @@ impl Task<'_> {
                 },
             };
             let ended = solved.ended;
+            let last = best.take().and_then(|last: Solved| last.verified);
+            let stuck = last.is_some_and(|last| verified.bound() > STUCK * last.bound());
             best = Some(Solved {
                 verified: Some(verified),
                 model_error: model,
                 ..solved
             });
-            if verified.met || !ended.converged || round + 1 == ROUNDS {
+            if verified.met || stuck || !ended.converged || round + 1 == ROUNDS {
                 break;
             }
             let reflected = verified.reflected.map_or(0.0, |r| r.rel_l2.value);
@@ -192,8 +194,8 @@ impl Task<'_> {
         let mut verified = self.verify(direct, found, budget, round)?;
         let model = match round {
             0 => {
-                let irradiance = found.map_or(&direct.irradiance, |(_, b)| &b.irradiance);
-                self.model_error(irradiance, verified.total.one_bounce.value)?
+                let bounced = found.map(|(_, bounced)| bounced);
+                self.model_error(direct, bounced, verified.total.one_bounce.value)?
             }
             _ => model,
         };
@@ -203,20 +205,33 @@ impl Task<'_> {
         Ok((verified, model))
     }
 
-    /// What the number of points allows, where something is in the way: `error` is that of the irradiance.
-    fn model_error(&self, irradiance: &[DVec3], error: f64) -> Result<Option<f64>> {
+    /// Reflected radiosity that makes the irradiance of a solution.
+    fn reflected<'b>(&self, bounced: Option<&'b Bounced>) -> Cow<'b, [DVec3]> {
+        match (bounced, self.max_bounces) {
+            (None, _) => vec![DVec3::ZERO; self.surfels.len()].into(),
+            (Some(bounced), Some(_)) => bounced.sent.as_slice().into(),
+            (Some(bounced), None) => bounced.reflected.as_slice().into(),
+        }
+    }
+
+    /// What the number of points allows, where something is in the way: `error` is that of the
+    /// solution.
+    fn model_error(
+        &self,
+        direct: &DirectLight,
+        bounced: Option<&Bounced>,
+        error: f64,
+    ) -> Result<Option<f64>> {
         if self.visibility.is_open() {
             return Ok(None);
         }
-        let surfels = self.surfels;
-        let radiosity: Vec<DVec3> = (irradiance.iter().zip(&surfels.reflectance))
-            .zip(&surfels.emission)
-            .map(|((h, r), e)| e.as_dvec3() + r.as_dvec3() * *h)
-            .collect();
+        let emission = self.surfels.emission.iter().map(|e| e.as_dvec3());
+        let reflected = self.reflected(bounced);
+        let radiosity: Vec<DVec3> = emission.zip(&*reflected).map(|(e, r)| e + *r).collect();
         let lit = Lit {
             scene: self.scene,
-            surfels,
-            irradiance,
+            surfels: self.surfels,
+            irradiance: bounced.map_or(&direct.irradiance, |b| &b.irradiance),
             radiosity: &radiosity,
             seed: self.seed,
         };
@@ -240,16 +255,11 @@ impl Task<'_> {
             seed: self.seed,
         };
         let bounced = found.map(|(_, bounced)| bounced);
-        let dark = vec![DVec3::ZERO; self.surfels.len()];
         let claim = Claim {
             irradiance: bounced.map_or(&direct.irradiance, |b| &b.irradiance),
             lights: &direct.irradiance,
             sampled: &direct.sampled,
-            reflected: match (bounced, self.max_bounces) {
-                (None, _) => &dark,
-                (Some(bounced), Some(_)) => &bounced.sent,
-                (Some(bounced), None) => &bounced.reflected,
-            },
+            reflected: &self.reflected(bounced),
         };
         let measured = verifier.measure(&claim, budget, round, self.progress)?;
         let operator = found.map(|(links, _)| Fmm::<f32>::new(self.surfels, self.octree, links));

@@ -207,7 +207,7 @@ impl Verifier<'_> {
             receivers,
         };
         match exact {
-            true => self.exactly(claim, &mut measured)?,
+            true => self.exactly(claim, budget, &mut measured)?,
             false => self.by_samples(claim, &lights, budget, round, &mut measured)?,
         }
         progress.check()?;
@@ -253,7 +253,7 @@ impl Verifier<'_> {
         }
     }
 
-    fn exactly(&self, claim: &Claim, measured: &mut Measured) -> Result<()> {
+    fn exactly(&self, claim: &Claim, budget: u64, measured: &mut Measured) -> Result<()> {
         let emission: Vec<DVec3> = self.surfels.emission.iter().map(|e| e.as_dvec3()).collect();
         let rows: Vec<usize> = measured.receivers.iter().map(|&i| i as usize).collect();
         // Both fields want the same segments: red, green and blue of one after the other would test
@@ -275,11 +275,11 @@ impl Verifier<'_> {
             }
         }
         if self.sky != Vec3::ZERO {
-            let strata = 64;
-            let counts = vec![(strata * strata) as f64; rows.len()];
+            let count = (budget as f64 / (2 * rows.len().max(1)) as f64).clamp(16.0, 4096.0);
+            let counts = vec![count; rows.len()];
             for half in 0..2 {
                 let skies = self.sky(&measured.receivers, &counts, half)?;
-                measured.segments += (rows.len() * strata * strata) as u64;
+                measured.segments += (rows.len() as f64 * count) as u64;
                 for (off, sky) in measured.off[half as usize].iter_mut().zip(skies) {
                     off.direct -= sky;
                 }
