@@ -497,7 +497,12 @@ fn a_scan_is_solved() {
     let told = String::from_utf8_lossy(&assert.get_output().stdout);
     assert!(told.contains("50% more is dark red"), "{told}");
     assert!(fs::read(path("d.png")).unwrap().starts_with(b"\x89PNG"));
-    fails(&folder, "compare b.ply a.ply --image a.ply", 2, "overwritten");
+    fails(
+        &folder,
+        "compare b.ply a.ply --image a.ply",
+        2,
+        "overwritten",
+    );
     fails(
         &folder,
         "compare a.ply scan.ply",
