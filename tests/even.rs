@@ -50,8 +50,8 @@ fn linear_functions_stay() {
             });
             let off = farthest(&before, &after);
             println!("off by {off:.1e}");
-            // Measured: 2e-6 of values up to 300, from positions in f32.
-            assert!(off < 2e-5);
+            // Measured: 6e-8 of values up to 150, from positions in f32.
+            assert!(off < 1e-6);
         }
     }
 }
@@ -62,7 +62,6 @@ fn constants_stay_everywhere() {
         cube(12, 0.5, true, 1),
         sphere(1500, 0.3, false, 2),
         noisy(&sphere(1500, 0.3, true, 3), 0.2, 0.01, 4),
-        square(1, 0.0),
     ];
     for cloud in clouds {
         let (before, after) = smooth(&surfels(&cloud), 1e9, |_| DVec3::new(1.0, 0.5, 0.0));
@@ -70,7 +69,8 @@ fn constants_stay_everywhere() {
     }
 }
 
-/// White noise on a plane falls to a fifth; its mean, which is power, stays.
+/// White noise on a plane falls to a fifth (0.218 is measured); its mean, which is power, moves by
+/// 0.002.
 #[test]
 fn noise_falls_and_power_stays() {
     let s = surfels(&square(50, 0.5));
@@ -156,9 +156,11 @@ fn back_wall(points: usize, tolerance: f64, places: usize) {
     assert!(p99 <= 0.025);
 }
 
+/// Over the whole wall 0.0230 is measured; at tolerances of 0.025 and 0.03 it is 0.024, with samples
+/// up to 0.025. Without smoothing 0.053.
 #[test]
 fn no_blocks_on_a_wall() {
-    back_wall(32_000, 0.025, 250);
+    back_wall(32_000, 0.02, 250);
 }
 
 #[test]
