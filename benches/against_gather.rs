@@ -5,6 +5,8 @@
 //! very many rays, both of the radiosity that the finest run has found. The true surface, path-traced,
 //! is the same for both (the tracer knows no cave). Times compared are those of all threads together.
 
+// Its tests are not run here.
+#[allow(unused_imports)]
 #[path = "../tests/tracer/mod.rs"]
 mod tracer;
 

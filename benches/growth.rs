@@ -2,7 +2,8 @@
 //! `cargo bench --bench growth`, with `-- 20000 200000 cave` for other numbers of points or some of
 //! the scenes.
 //!
-//! Each line comes from a process of its own, whose memory is its own. `memory::estimate` says
+//! Each line comes from a process of its own, whose memory is its own; the exponent is that of the
+//! seconds of all its threads together. `memory::estimate` says
 //! beforehand how much that will be.
 
 use std::process::Command;
@@ -33,7 +34,7 @@ fn main() {
     for (name, tolerance) in SCENES.iter().filter(|(name, _)| !any || asked(name)) {
         println!("{name} to {tolerance}");
         println!(
-            "    points | prepare octree  links  tests  solve  total s | segments, links a point | \
+            "    points | prepare octree  links  tests  solve  total s (CPU) | segments, links a point | \
              bytes a point, estimated"
         );
         let times: Vec<(f64, f64)> = sizes.iter().map(|&n| line(name, n, *tolerance)).collect();
@@ -53,11 +54,11 @@ fn line(name: &str, points: usize, tolerance: f64) -> (f64, f64) {
     let mut words = text.split('\t');
     let mut number = || words.next().unwrap().trim().parse::<f64>().unwrap();
     let (points, seconds) = (number(), number());
-    println!("{}", words.next().unwrap());
+    println!("{}", words.next().unwrap().trim_end());
     (points.ln(), seconds.ln())
 }
 
-/// A run in this process: surfels, seconds and the line of the table.
+/// A run in this process: surfels, CPU seconds and the line of the table.
 fn one(name: &str, points: usize, tolerance: f64) {
     let path = format!("{}/scenes/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     let options = SceneOptions {
@@ -71,17 +72,17 @@ fn one(name: &str, points: usize, tolerance: f64) {
         tolerance: Some(tolerance),
         ..Options::default()
     };
-    let clock = Instant::now();
+    let (clock, before) = (Instant::now(), cpu_seconds());
     let stats = illuminate(&scene, &options, Backend::Cpu, &Silent)
         .unwrap()
         .stats;
-    let total = clock.elapsed().as_secs_f64();
+    let (total, cpu) = (clock.elapsed().as_secs_f64(), cpu_seconds() - before);
     let (s, n) = (&stats.seconds, stats.surfels as f64);
     let bytes = memory::peak_bytes().map_or(f64::NAN, |b| b as f64 / n);
-    let [least, most] = memory::estimate(stats.surfels as u64).map(|b| b as f64 / n);
+    let estimated = memory::estimate(stats.surfels as u64, tolerance) as f64 / n;
     println!(
-        "{n}\t{total}\t{n:10} | {:7.2} {:6.2} {:6.2} {:6.2} {:6.2} {total:6.2}   | {:8.1} {:14.1} | \
-         {bytes:8.0} {least:.0} to {most:.0}",
+        "{n}\t{cpu}\t{n:10} | {:7.2} {:6.2} {:6.2} {:6.2} {:6.2} {total:6.2} ({cpu:.2}) | {:8.1} {:14.1} | \
+         {bytes:8.0} {estimated:6.0}",
         s.prepare,
         s.octree,
         s.links,
@@ -90,6 +91,18 @@ fn one(name: &str, points: usize, tolerance: f64) {
         stats.segments as f64 / n,
         stats.links.values().sum::<u64>() as f64 / n,
     );
+}
+
+/// Seconds of all threads of this process.
+fn cpu_seconds() -> f64 {
+    // SAFETY: getrusage fills the struct that it is given, which is one of plain numbers.
+    let usage = unsafe {
+        let mut usage: libc::rusage = std::mem::zeroed();
+        libc::getrusage(libc::RUSAGE_SELF, &mut usage);
+        usage
+    };
+    let seconds = |t: libc::timeval| t.tv_sec as f64 + 1e-6 * t.tv_usec as f64;
+    seconds(usage.ru_utime) + seconds(usage.ru_stime)
 }
 
 /// Slope of the line through the points, least squares.
