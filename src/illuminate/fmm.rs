@@ -95,9 +95,7 @@ impl Task<'_> {
                 let noise = effort.links / ERROR_A_LINK;
                 Ok(match smoother {
                     None => bounced,
-                    Some(smoother) => {
-                        even(bounced, surfels, smoother, &direct.irradiance, noise)
-                    }
+                    Some(smoother) => even(bounced, surfels, smoother, &direct.irradiance, noise),
                 })
             });
             let found = match (found.transpose(), &best) {

@@ -165,11 +165,11 @@ impl Body {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use rand::{RngExt, SeedableRng};
-
     #[test]
     fn table_and_slope_are_as_good_as_said() {
+        use super::*;
+        use rand::{RngExt, SeedableRng};
+
         let body = Body::new(DVec3::ZERO, 1.0, 0.35);
         let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(1);
         let (mut off, mut steepest, mut gradient) = (0.0_f64, 0.0_f64, 0.0_f64);
