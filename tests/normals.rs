@@ -147,7 +147,7 @@ fn without_normals(cloud: &PointCloud, facing: &Facing) -> PointCloud {
     let mut bare = cloud.clone();
     bare.normals.clear();
     bare.areas.clear();
-    bare.estimate_normals(facing, &Silent).unwrap();
+    bare.estimate_normals(facing, &[], &Silent).unwrap();
     bare
 }
 
@@ -335,6 +335,12 @@ fn the_lit_side_is_found() {
     for facing in [Facing::Inward, Facing::Viewpoint(DVec3::new(0.5, 0.2, 0.1))] {
         assert_eq!(measured(&inside, 1.0, &facing).wrong, 0.0);
     }
+    let mut lit = inside.clone();
+    lit.normals.clear();
+    let lamp = [DVec3::new(-0.3, 0.4, 0.2)];
+    lit.estimate_normals(&Facing::Auto, &lamp, &Silent).unwrap();
+    let agree = |(a, b): (&Vec3, &Vec3)| a.dot(*b) > 0.9;
+    assert!(lit.normals.iter().zip(&inside.normals).all(agree));
     let floor = quad(DVec3::ZERO, DVec3::X, DVec3::Y, 30, 0.8, 1);
     assert_eq!(measured(&floor, 1.0, &Facing::Auto).wrong, 0.0);
     let below = Facing::Viewpoint(DVec3::new(0.4, 0.4, -2.0));
@@ -351,12 +357,12 @@ fn given_normals_stay() {
             .iter_mut()
             .skip(100)
             .for_each(|n| *n = Vec3::ZERO);
-        some.estimate_normals(&Facing::Auto, &Silent).unwrap();
+        some.estimate_normals(&Facing::Auto, &[], &Silent).unwrap();
         assert_eq!(some.normals[..100], whole.normals[..100]);
         let agree = |(a, b): (&Vec3, &Vec3)| a.dot(*b) > 0.95;
         assert!(some.normals.iter().zip(&whole.normals).all(agree));
         let mut all = whole.clone();
-        all.estimate_normals(&Facing::Auto, &Silent).unwrap();
+        all.estimate_normals(&Facing::Auto, &[], &Silent).unwrap();
         assert_eq!(all.normals, whole.normals);
         assert!(all.repairs.is_empty());
     }
@@ -368,7 +374,7 @@ fn the_number_of_threads_does_not_matter() {
     cloud.normals.clear();
     let estimated = || {
         let mut cloud = cloud.clone();
-        cloud.estimate_normals(&Facing::Auto, &Silent).unwrap();
+        cloud.estimate_normals(&Facing::Auto, &[], &Silent).unwrap();
         cloud.normals
     };
     let single = rayon::ThreadPoolBuilder::new()
@@ -393,7 +399,7 @@ fn odd_clouds_have_normals_or_none() {
             .collect(),
     ] {
         let mut cloud = cloud(places.into_iter().map(|p| (p, DVec3::ZERO)));
-        if cloud.estimate_normals(&Facing::Auto, &Silent).is_ok() {
+        if cloud.estimate_normals(&Facing::Auto, &[], &Silent).is_ok() {
             let sound = |n: &Vec3| n.is_normalized() || *n == Vec3::ZERO;
             assert!(cloud.normals.iter().all(sound), "{:?}", cloud.normals);
         }
