@@ -122,7 +122,14 @@ fn buried_points_are_found() {
             .collect::<Vec<usize>>()
     };
     assert!(found(&clean).is_empty());
-    let found = found(&joined([clean, inner]));
+    let all = joined([clean, inner]);
+    // The others are strays.
+    let inside = surfels(&all)
+        .points
+        .iter()
+        .filter(|&&p| p as usize >= n)
+        .count();
+    let found = found(&all);
     let right = found.iter().filter(|&&p| p >= n).count();
     println!(
         "{right} of 200 buried points found, {} others",

@@ -26,7 +26,7 @@ const FROM_OTHERS: usize = 16;
 const RAYS: u64 = 16;
 /// The outside of an object is seen from outside; where more than this part of it is not, the cloud is a
 /// room with something in it.
-const UNSEEN: f64 = 0.06;
+const UNSEEN: f64 = 0.15;
 /// Winding number about a lamp from which on it shines into the surface.
 const INSIDE: f64 = 0.35;
 /// Ground is a surface whose area, seen from above, is more than this part of the whole.
@@ -40,7 +40,7 @@ struct Views {
     points: usize,
     /// Rays that leave the cloud.
     escaped: [usize; 2],
-    /// Points from which none does.
+    /// Points from which few do.
     enclosed: [usize; 2],
     /// Hits by part and whether they are on the side of its normals.
     hits: [BTreeMap<(u32, bool), usize>; 2],
@@ -312,7 +312,7 @@ fn views(
         for (side, met) in sides.iter().enumerate() {
             let escaped = met.iter().filter(|m| m.is_none()).count();
             view.escaped[side] += escaped;
-            view.enclosed[side] += usize::from(escaped == 0);
+            view.enclosed[side] += usize::from(escaped as u64 <= RAYS / 4);
             for &hit in met.iter().flatten() {
                 *view.hits[side].entry(hit).or_default() += 1;
             }
