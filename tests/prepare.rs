@@ -132,11 +132,10 @@ fn buried_points_are_found() {
     let found = found(&all);
     let right = found.iter().filter(|&&p| p >= n).count();
     println!(
-        "{right} of 200 buried points found, {} others",
+        "{right} of {inside} buried points found, {} others",
         found.len() - right
     );
-    // Those near the skin that look outwards see too little of it.
-    assert!(right >= 190 && found.len() - right <= 5);
+    assert!(right as f64 >= 0.95 * inside as f64 && found.len() - right <= 5);
 }
 
 /// Single points and flecks in the air are lit, but in nobody's way; clouds without them stay as they
