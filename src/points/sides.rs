@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::normals::Local;
 use super::orient::{Facing, Told};
+use super::rule::median;
 use super::thin::spread_to;
 use super::{PointCloud, Surfels};
 use crate::error::Result;
@@ -31,6 +32,9 @@ const UNSEEN: f64 = 0.15;
 const INSIDE: f64 = 0.35;
 /// Ground is a surface whose area, seen from above, is more than this part of the whole.
 const GROUND: f64 = 0.25;
+/// No point stands for more than the square of this many medians of the spacing: strays would outweigh
+/// the surface.
+const WIDEST: f64 = 5.0;
 /// Shares that differ by less do not tell the sides apart.
 const ALIKE: f64 = 0.05;
 
@@ -109,8 +113,15 @@ fn of_largest(
     let middle = sum / count;
     let (mut flow, mut up, mut area) = (0.0, 0.0, 0.0);
     let mut around = vec![0.0; told.lamps.len()];
+    let usual = median(
+        points
+            .clone()
+            .map(|i| f64::from(local[i].spacing))
+            .collect(),
+    );
+    let widest = WIDEST * usual.unwrap_or(0.0);
     for i in points {
-        let size = f64::from(local[i].spacing).powi(2);
+        let size = f64::from(local[i].spacing).min(widest).powi(2);
         let normal = local[i].normal.as_dvec3() * size;
         flow += normal.dot(place(i) - middle);
         up += normal.z;
