@@ -12,7 +12,7 @@ use fmmgi_gpu::scene::{PointLight, SceneOptions};
 use fmmgi_gpu::{
     Error, Method, Occlusion, Options, Progress, Result, Scene, Stats, Transport, memory, render,
 };
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use super::terminal::{self, Terminal};
 use super::values::{self, Size};
@@ -177,9 +177,10 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     scene.sky = args.sky.unwrap_or(scene.sky);
     let load = began.elapsed().as_secs_f64();
     let clock = Instant::now();
+    let lamps: Vec<DVec3> = scene.lights.iter().map(|light| light.position).collect();
     scene
         .cloud
-        .estimate_normals(&args.normals, &progress)
+        .estimate_normals(&args.normals, &lamps, &progress)
         .map_err(|error| error.about(outputs::names(&args.inputs)))?;
     let normals = clock.elapsed().as_secs_f64();
     warn_of_darkness(&scene, &progress);

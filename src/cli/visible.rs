@@ -116,7 +116,7 @@ pub fn run(args: &Args) -> Result<Done> {
     let about = |error: Error| error.about(outputs::names(&args.inputs));
     let cloud = &mut scene.cloud;
     cloud
-        .estimate_normals(&Facing::Auto, &progress)
+        .estimate_normals(&Facing::Auto, &[], &progress)
         .map_err(about)?;
     let prepared = Surfels::prepare(&scene.cloud, &progress).map_err(about)?;
     let (octree, surfels) = Octree::build(&prepared.surfels, LEAF_SIZE);

@@ -37,7 +37,9 @@ pub(super) struct Cell {
     pub depth: f64,
     /// Mean distance of the six nearest neighbours of similar normal.
     pub spacing: f64,
-    /// How far positions and normals of those disagree, as a slope; 1 without any.
+    /// Mean distance of the six nearest neighbours of any normal.
+    pub crowd: f64,
+    /// How far positions and normals of those of similar one disagree, as a slope; 1 without any.
     pub slope: f64,
 }
 
@@ -105,6 +107,8 @@ impl Cell {
         }
         let area = polygon.area();
         let bend = bend(normal, neighbours.iter().filter(similar));
+        let six = neighbours.iter().take(6).map(|n| n.offset.length());
+        let crowd = six.sum::<f64>() / neighbours.len().clamp(1, 6) as f64;
         let slopes = neighbours
             .iter()
             .filter(similar)
@@ -116,6 +120,7 @@ impl Cell {
             corners: polygon.bounded(),
             area,
             spacing,
+            crowd,
             slope: if count > 0 {
                 slopes.sum::<f64>() / count as f64
             } else {

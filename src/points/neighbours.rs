@@ -74,6 +74,6 @@ impl<'a> Neighbours<'a> {
             .query(&place.to_array())
             .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(count - 1))
             .execute();
-        found.iter().map(|item| item.item as u32).collect()
+        found.iter().map(|item| item.item).collect()
     }
 }

@@ -51,11 +51,17 @@ impl PointCloud {
     ///
     /// Planes are fitted by least squares to so many neighbours as the noise asks for; next to a crease
     /// a point takes the plane of its own side. Points that have normals keep them and tell their
-    /// neighbours which side is lit; otherwise `facing` does.
+    /// neighbours which side is lit; otherwise `facing` does, and where that leaves it open, `lamps`
+    /// inside of the cloud.
     ///
     /// # Errors
     /// [`Error::Invalid`] if there are fewer than three places with coordinates.
-    pub fn estimate_normals(&mut self, facing: &Facing, progress: &dyn Progress) -> Result<()> {
+    pub fn estimate_normals(
+        &mut self,
+        facing: &Facing,
+        lamps: &[DVec3],
+        progress: &dyn Progress,
+    ) -> Result<()> {
         let known = |n: &Vec3| n.is_finite() && *n != Vec3::ZERO;
         self.normals.resize(self.len(), Vec3::ZERO);
         let placed = |p: DVec3| p.abs().cmple(DVec3::splat(LARGEST)).all();
@@ -91,9 +97,11 @@ impl PointCloud {
                 .viewpoint(self, points[k] as usize)
                 .map(|v| v - origin)
         };
+        let lamps: Vec<DVec3> = lamps.iter().map(|&lamp| lamp - origin).collect();
         let told = Told {
             given: &given,
             facing,
+            lamps: &lamps,
             viewpoint: &viewpoint,
         };
         let told = orient::orient(&positions, &mut local, &linked, &told, progress)?;

@@ -61,6 +61,8 @@ const BLOCK: usize = 1 << 16;
 pub(super) struct Told<'a> {
     pub given: &'a [Option<Vec3>],
     pub facing: &'a Facing,
+    /// Relative to the same origin as the positions.
+    pub lamps: &'a [DVec3],
     /// From where a point was seen.
     pub viewpoint: &'a (dyn Fn(usize) -> Option<DVec3> + Sync),
 }
@@ -95,7 +97,7 @@ pub(super) fn orient(
         return Ok(by_known.into());
     }
     let decided = (free < n).then_some(known);
-    let by_sides = sides::turn(positions, local, &patch_of, decided, told.facing, progress)?;
+    let by_sides = sides::turn(positions, local, &patch_of, decided, told, progress)?;
     Ok(match decided {
         Some(_) => format!("{by_known}, {free} apart from those {by_sides}"),
         None => by_sides,

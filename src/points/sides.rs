@@ -1,13 +1,15 @@
 //! Which side of a surface faces the air, by what is seen from its two sides.
 
 use std::collections::{BTreeMap, HashMap};
+use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 use rand::RngExt;
 use rayon::prelude::*;
 
 use super::normals::Local;
-use super::orient::Facing;
+use super::orient::{Facing, Told};
+use super::rule::median;
 use super::thin::spread_to;
 use super::{PointCloud, Surfels};
 use crate::error::Result;
@@ -26,8 +28,13 @@ const RAYS: u64 = 16;
 /// The outside of an object is seen from outside; where more than this part of it is not, the cloud is a
 /// room with something in it.
 const UNSEEN: f64 = 0.15;
+/// Winding number about a lamp from which on it shines into the surface.
+const INSIDE: f64 = 0.35;
 /// Ground is a surface whose area, seen from above, is more than this part of the whole.
 const GROUND: f64 = 0.25;
+/// No point stands for more than the square of this many medians of the spacing: strays would outweigh
+/// the surface.
+const WIDEST: f64 = 5.0;
 /// Shares that differ by less do not tell the sides apart.
 const ALIKE: f64 = 0.05;
 
@@ -37,7 +44,7 @@ struct Views {
     points: usize,
     /// Rays that leave the cloud.
     escaped: [usize; 2],
-    /// Points from which none does.
+    /// Points from which few do.
     enclosed: [usize; 2],
     /// Hits by part and whether they are on the side of its normals.
     hits: [BTreeMap<(u32, bool), usize>; 2],
@@ -50,7 +57,7 @@ pub(super) fn turn(
     local: &mut [Local],
     part_of: &[u32],
     decided: Option<u32>,
-    facing: &Facing,
+    told: &Told,
     progress: &dyn Progress,
 ) -> Result<String> {
     let views = views(positions, local, part_of, progress)?;
@@ -58,7 +65,7 @@ pub(super) fn turn(
     // What is decided first, then from the largest on.
     parts.sort_by_key(|&(part, size)| (Some(part) != decided, usize::MAX - size, part));
     let mut outward = false;
-    let mut told = "turned to where they can have been seen from";
+    let mut how = "turned to where they can have been seen from";
     let mut flipped: HashMap<u32, bool> = HashMap::with_capacity(parts.len());
     let seen_by = seen_by(&views);
     for &(part, _) in &parts {
@@ -68,7 +75,7 @@ pub(super) fn turn(
         } else if flipped.is_empty() {
             let points = (0..positions.len()).filter(|&i| part_of[i] == part);
             let side;
-            (side, outward, told) = of_largest(view, points, positions, local, facing);
+            (side, outward, how) = of_largest(view, points, positions, local, told);
             side
         } else {
             of_other(part, view, &seen_by[&part], &flipped, outward)
@@ -80,7 +87,7 @@ pub(super) fn turn(
             l.flip();
         }
     }
-    Ok(told.into())
+    Ok(how.into())
 }
 
 fn sizes(part_of: &[u32]) -> BTreeMap<u32, usize> {
@@ -97,7 +104,7 @@ fn of_largest(
     points: impl Iterator<Item = usize> + Clone,
     positions: &[Vec3],
     local: &[Local],
-    facing: &Facing,
+    told: &Told,
 ) -> (bool, bool, &'static str) {
     let place = |i: usize| positions[i].as_dvec3();
     let (sum, count) = points
@@ -105,19 +112,38 @@ fn of_largest(
         .fold((DVec3::ZERO, 0.0), |(s, c), i| (s + place(i), c + 1.0));
     let middle = sum / count;
     let (mut flow, mut up, mut area) = (0.0, 0.0, 0.0);
+    let mut around = vec![0.0; told.lamps.len()];
+    let usual = median(
+        points
+            .clone()
+            .map(|i| f64::from(local[i].spacing))
+            .collect(),
+    );
+    let widest = WIDEST * usual.unwrap_or(0.0);
     for i in points {
-        let size = f64::from(local[i].spacing).powi(2);
+        let size = f64::from(local[i].spacing).min(widest).powi(2);
         let normal = local[i].normal.as_dvec3() * size;
         flow += normal.dot(place(i) - middle);
         up += normal.z;
         area += size;
+        for (lamp, around) in told.lamps.iter().zip(&mut around) {
+            let way = *lamp - place(i);
+            *around += normal.dot(way) / (4.0 * PI * way.length().powi(3).max(size.powf(1.5)));
+        }
     }
     const INWARD: &str = "turned inward as in a room (--normals outward turns them)";
     const OUTWARD: &str = "turned outward as on an object (--normals inward turns them)";
-    match facing {
+    match told.facing {
         Facing::Inward => return (flow > 0.0, false, "turned inward"),
         Facing::Outward => return (flow < 0.0, true, "turned outward"),
         _ => {}
+    }
+    // The winding number of the surface about a lamp: 1 or -1 inside of a closed one.
+    let lamp = around
+        .into_iter()
+        .max_by(|a: &f64, b| a.abs().total_cmp(&b.abs()));
+    if let Some(winding) = lamp.filter(|w| w.abs() > INSIDE) {
+        return (winding < 0.0, false, "turned to the lamps");
     }
     let share = |counts: [usize; 2], of: usize| counts.map(|n| n as f64 / of.max(1) as f64);
     let unseen = share(view.enclosed, view.points);
@@ -133,7 +159,7 @@ fn of_largest(
         );
     }
     // An open surface: ground, or what a scanner saw around it.
-    let told = match up.abs() > GROUND * area {
+    let how = match up.abs() > GROUND * area {
         true => "turned up (--normals viewpoint:X,Y,Z tells where it was seen from)",
         false => {
             "turned to the hollow side (--normals viewpoint:X,Y,Z tells where it was seen from)"
@@ -143,7 +169,7 @@ fn of_largest(
         true => up < 0.0,
         false => escaped[0] > escaped[1],
     };
-    (flip, false, told)
+    (flip, false, how)
 }
 
 /// Rays from one side of a part that meet another one.
@@ -297,7 +323,7 @@ fn views(
         for (side, met) in sides.iter().enumerate() {
             let escaped = met.iter().filter(|m| m.is_none()).count();
             view.escaped[side] += escaped;
-            view.enclosed[side] += usize::from(escaped == 0);
+            view.enclosed[side] += usize::from(escaped as u64 <= RAYS / 4);
             for &hit in met.iter().flatten() {
                 *view.hits[side].entry(hit).or_default() += 1;
             }

@@ -23,6 +23,8 @@ const ONE_PLACE: f64 = 0.3;
 /// Neighbours among which the places are looked for.
 const SUPPORTERS: usize = 48;
 const SUPPORT_FLAT: f64 = 0.3;
+/// And whose variance across is less than this part of that along it.
+const SUPPORT_THIN: f64 = 0.1;
 /// Spacings are about the same within this factor.
 const SAME_SCALE: f64 = 3.0;
 /// Neighbours among which steep points are looked at.
@@ -42,7 +44,7 @@ pub(super) fn strays(
     roughness: f64,
 ) -> Result<Vec<u32>> {
     let step = cells.len().div_ceil(20_000);
-    let spacings = cells.iter().step_by(step).map(|c| c.spacing).collect();
+    let spacings = cells.iter().step_by(step).map(|c| c.crowd).collect();
     let Some(usual) = median(spacings) else {
         return Ok(Vec::new());
     };
@@ -51,8 +53,8 @@ pub(super) fn strays(
         let chosen = (0..cells.len() as u32).into_par_iter();
         chosen.filter(|&i| choose(&cells[i as usize])).collect()
     };
-    let far = choose(&|c| c.spacing > FAR * usual);
-    let off = choose(&|c| c.spacing <= FAR * usual && c.slope > steep);
+    let far = choose(&|c| c.crowd > FAR * usual);
+    let off = choose(&|c| c.crowd <= FAR * usual && c.slope > steep);
     let mut strays = off;
     strays = strays
         .into_par_iter()
@@ -61,7 +63,7 @@ pub(super) fn strays(
     if far.len() > SUPPORT {
         let places: Vec<Vec3> = far.iter().map(|&i| positions[i as usize]).collect();
         let others = Neighbours::new(&places)?;
-        let isolated = |k: &usize| !supported(*k, &others, |k| cells[far[k] as usize].spacing);
+        let isolated = |k: &usize| !supported(*k, &others, |k| cells[far[k] as usize].crowd);
         let found = (0..far.len()).into_par_iter().filter(isolated);
         strays.par_extend(found.map(|k| far[k]));
     } else {
@@ -88,7 +90,11 @@ fn supported(k: usize, others: &Neighbours, spacing: impl Fn(usize) -> f64) -> b
             places.push(offset);
         }
     }
-    places.len() > SUPPORT && Plane::fit(places.into_iter()).rms() < SUPPORT_FLAT * own
+    if places.len() <= SUPPORT {
+        return false;
+    }
+    let plane = Plane::fit(places.into_iter());
+    plane.rms() < SUPPORT_FLAT * own && plane.variances[0] < SUPPORT_THIN * plane.variances[1]
 }
 
 /// Whether the neighbours of a point make no surface, or one that it is not on.

@@ -18,6 +18,11 @@ const LOOKS: usize = 12;
 /// way. No two that stand for themselves are as near as that (Poisson discs, by throwing all points in
 /// random order: Cook, "Stochastic sampling in computer graphics", 1986).
 pub(super) fn spread(positions: &[Vec3], normals: &[Vec3], spacing: f32) -> Vec<u32> {
+    // Cells of the grid are numbered in 32 bits.
+    let extent = positions
+        .iter()
+        .fold(0.0, |e: f32, p| e.max(p.abs().max_element()));
+    let spacing = spacing.max(1e-9 * extent);
     let cell = |p: Vec3| (p / spacing).floor().as_ivec3();
     let mut kept: HashMap<IVec3, Vec<u32>> = HashMap::new();
     let mut keepers: Vec<u32> = vec![0; positions.len()];
