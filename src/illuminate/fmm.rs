@@ -32,7 +32,7 @@ const LEAST_SEGMENTS: u64 = 1 << 16;
 const POWER: [f64; 2] = [0.45, 1.0];
 /// Part of the error of the model below which nothing is refined.
 const OF_MODEL: f64 = 1.0 / 3.0;
-/// A refinement has to take the error down by more than to this part of it, else it was the last.
+/// A refinement that leaves more than this part of the error was in vain.
 const STUCK: f64 = 0.95;
 /// What a refinement aims at, in units of what would just do.
 const AIM: f64 = 0.9;
@@ -83,7 +83,7 @@ impl Task<'_> {
         };
         let mut history: Vec<(f64, f64)> = Vec::new();
         let mut best: Option<Solved> = None;
-        let mut verification = 0.0;
+        let (mut verification, mut in_vain) = (0.0, 0);
         for round in 0..ROUNDS {
             let found = before.as_ref().map(|before| {
                 let irradiance = Some(before.irradiance.as_slice());
@@ -127,13 +127,15 @@ impl Task<'_> {
             };
             let ended = solved.ended;
             let last = best.take().and_then(|last: Solved| last.verified);
-            let stuck = last.is_some_and(|last| verified.bound() > STUCK * last.bound());
+            // Bounds are noisy: two refinements that gained nothing count.
+            let gained = last.is_none_or(|last| verified.bound() <= STUCK * last.bound());
+            in_vain = if gained { 0 } else { in_vain + 1 };
             best = Some(Solved {
                 verified: Some(verified),
                 model_error: model,
                 ..solved
             });
-            if verified.met || stuck || !ended.converged || round + 1 == ROUNDS {
+            if verified.met || in_vain == 2 || !ended.converged || round + 1 == ROUNDS {
                 break;
             }
             let reflected = verified.reflected.map_or(0.0, |r| r.rel_l2.value);
