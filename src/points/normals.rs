@@ -30,6 +30,8 @@ const SAMPLE: usize = 20_000;
 pub(super) const LINKED: usize = 8;
 /// Stands for "no neighbour" there.
 pub(super) const NOBODY: u32 = u32::MAX;
+/// Points that make a plane.
+const LEAST_POINTS: usize = 3;
 /// Points done between two looks at whether the work should stop.
 const BLOCK: usize = 1 << 16;
 
@@ -54,8 +56,10 @@ impl PointCloud {
     /// neighbours which side is lit; otherwise `facing` does, and where that leaves it open, `lamps`
     /// inside of the cloud.
     ///
+    /// Fewer than three points make no plane, and get none.
+    ///
     /// # Errors
-    /// [`Error::Invalid`] if there are fewer than three places with coordinates.
+    /// [`Error::Interrupted`] if `progress` asks to stop.
     pub fn estimate_normals(
         &mut self,
         facing: &Facing,
@@ -68,10 +72,10 @@ impl PointCloud {
         let missing = (self.positions.iter().zip(&self.normals))
             .filter(|(p, n)| placed(**p) && !known(n))
             .count();
-        if missing == 0 {
+        let usable = |i: usize| placed(self.positions[i]);
+        if missing == 0 || (0..self.len()).filter(|&i| usable(i)).count() < LEAST_POINTS {
             return Ok(());
         }
-        let usable = |i: usize| placed(self.positions[i]);
         let Some(origin) = middle(self, usable) else {
             return Err(Error::Invalid("no point has finite coordinates".into()));
         };

@@ -141,7 +141,7 @@ mod tests {
                 assert!(residual <= 1e-7 * scale, "{values:?}: {residual:e}");
                 for (a, b) in found.iter().zip(values) {
                     assert!(
-                        (a - b * scale).abs() <= 1e-12 * 3.0 * scale,
+                        (a - b * scale).abs() <= 1e-7 * scale,
                         "{found:?} {values:?}"
                     );
                 }

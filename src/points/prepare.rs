@@ -301,7 +301,9 @@ impl Prepared {
             ));
             progress.advance(made);
         }
-        let strays = strays(&positions, &neighbours, &cells, rule.roughness)?;
+        let mut strays = strays(&positions, &neighbours, &cells, rule.roughness)?;
+        // A lamp may be as small as a point.
+        strays.retain(|&i| surfels.emission[i as usize] == Vec3::ZERO);
         surfels.occluder_scale = rule.scale as f32;
         surfels.offsets = cells
             .iter()

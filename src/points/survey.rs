@@ -101,10 +101,10 @@ impl Survey {
         match self.points - self.with_normal {
             0 => {}
             all if all == self.points => notes.push(
-                "no normals: solve needs them, estimate them first (for instance in CloudCompare)"
+                "no normals: estimated from the neighbours; --normals, a scanner or a lamp inside tells the lit side"
                     .to_owned(),
             ),
-            some => notes.push(format!("{some} points have no normal: left out, no light")),
+            some => notes.push(format!("{some} points have no normal: estimated from the neighbours")),
         }
         if self.with_area < self.points {
             notes.push("no areas: found from the neighbours".to_owned());
