@@ -280,9 +280,13 @@ impl Effort {
         let mut next = self;
         // How much smaller an error has to be, so that its upper bound, too, is within the tolerance.
         let too_large = |error: super::Interval| error.high / (AIM * verified.tolerance);
-        let of_links = verified.reflected.map_or(0.0, |r| too_large(r.rel_l2));
         let of_all = too_large(verified.total.rel_l2);
         let direct = verified.direct.value / verified.total.rel_l2.value.max(f64::MIN_POSITIVE);
+        // Where lights are wrong, so is what is reflected of them: links are innocent of that.
+        let of_links = verified.reflected.map_or(0.0, |r| match direct < 0.5 {
+            true => too_large(r.rel_l2),
+            false => too_large(r.one_bounce),
+        });
         if of_all > 1.0 / AIM && direct > 0.5 {
             next.lights *= (1.0 / of_all).clamp(0.3, 0.8);
         }
