@@ -20,7 +20,7 @@ use crate::visibility::Visibility;
 
 /// Allowed error of a link with tested visibility, in units of the tolerance and the mean irradiance,
 /// to begin with.
-const ERROR_A_LINK: f64 = 0.5;
+const ERROR_A_LINK: f64 = 0.3;
 /// Links are made at most so many times.
 const ROUNDS: u64 = 5;
 /// Part of the segments of a solution that its verification may test.
@@ -36,6 +36,8 @@ const OF_MODEL: f64 = 1.0 / 3.0;
 const STUCK: f64 = 0.95;
 /// What a refinement aims at, in units of what would just do.
 const AIM: f64 = 0.9;
+/// Upper bound of an error over the error, as a rule.
+const SPREAD: f64 = 1.3;
 /// Bounds of the factor on what is allowed from one round to the next.
 const STEP: [f64; 2] = [0.03, 0.7];
 
@@ -279,21 +281,24 @@ impl Effort {
     fn refined(self, verified: &Verified, history: &[(f64, f64)], open: bool) -> Effort {
         let mut next = self;
         // How much smaller an error has to be, so that its upper bound, too, is within the tolerance.
-        let too_large = |error: super::Interval| error.high / (AIM * verified.tolerance);
+        // One point that is far off makes the bound, but not the error, very large.
+        let too_large = |error: super::Interval| {
+            error.high.min(SPREAD * error.value) / (AIM * verified.tolerance)
+        };
         let of_all = too_large(verified.total.rel_l2);
         let direct = verified.direct.value / verified.total.rel_l2.value.max(f64::MIN_POSITIVE);
-        // Where lights are wrong, so is what is reflected of them: links are innocent of that.
-        let of_links = verified.reflected.map_or(0.0, |r| match direct < 0.5 {
-            true => too_large(r.rel_l2),
-            false => too_large(r.one_bounce),
-        });
-        if of_all > 1.0 / AIM && direct > 0.5 {
-            next.lights *= (1.0 / of_all).clamp(0.3, 0.8);
-        }
-        let by_links = match direct < 0.8 {
-            true => of_links.max(of_all),
-            false => of_links,
+        let reflected = verified.reflected.map_or(0.0, |r| too_large(r.rel_l2));
+        let one_bounce = verified.reflected.map_or(0.0, |r| too_large(r.one_bounce));
+        // A bound that is missed by little asks for a little more.
+        let all = of_all.max(reflected).max(1.0 / AIM);
+        let (by_lights, by_links) = match direct > 0.5 {
+            // Where lights are wrong, so is what is reflected of them: links are innocent of that.
+            true => (all, one_bounce),
+            false => (0.0, all),
         };
+        if by_lights > 1.0 {
+            next.lights *= (1.0 / by_lights).clamp(0.3, 0.8);
+        }
         if by_links > 1.0 {
             let [closed, opened] = POWER;
             let usual = if open { opened } else { closed };
