@@ -7,6 +7,7 @@ mod file;
 mod fmm;
 mod geometry;
 mod linked;
+mod measured;
 mod model;
 mod options;
 mod quantiles;

@@ -18,6 +18,8 @@ use rand_pcg::Pcg64Mcg;
 use serde::Serialize;
 
 use super::amplified::{Amplified, amplified};
+pub use super::measured::{Claim, Measured};
+use super::measured::{DARK, Off, Part};
 use super::quantiles::{self, Interval};
 use crate::error::Result;
 use crate::expansion::Surface;
@@ -106,17 +108,6 @@ impl fmt::Display for Verified {
     }
 }
 
-/// A solution that is to be verified; all fields in the octree's order.
-pub struct Claim<'a> {
-    pub irradiance: &'a [DVec3],
-    /// The part of it that comes straight from lights.
-    pub lights: &'a [DVec3],
-    /// The part of that which is sampled: from sky and shining surfels.
-    pub sampled: &'a [DVec3],
-    /// Reflected radiosity that makes the rest of it.
-    pub reflected: &'a [DVec3],
-}
-
 /// What a solution is verified with.
 pub struct Verifier<'a> {
     pub surfels: &'a Surfels,
@@ -136,12 +127,8 @@ const DRAWS: f64 = 48.0;
 const PILOT: u32 = 6;
 /// Fewest and most draws of an estimate.
 const COUNTS: [f64; 2] = [4.0, 8192.0];
-/// Part of the draws that goes to the surfels with the largest errors, and the part of the surfels
-/// that these are.
+/// Part of the draws that goes to the surfels with the largest errors.
 const AGAIN: f64 = 0.25;
-const LARGEST: f64 = 0.06;
-/// Darkest irradiance, relative to the mean, that errors are taken relative to.
-const DARK: f64 = 0.01;
 
 /// What is estimated one by one.
 #[derive(Clone, Copy, PartialEq)]
@@ -149,24 +136,6 @@ enum Light {
     Reflected,
     Emitted,
     Sky,
-}
-
-/// Differences between a solution and estimates of it at one receiver.
-#[derive(Clone, Copy, Default)]
-struct Off {
-    direct: DVec3,
-    reflected: DVec3,
-}
-
-/// Differences found, not yet put into numbers.
-pub struct Measured {
-    pub receivers: Vec<u32>,
-    segments: u64,
-    start: Instant,
-    /// From two independent estimates.
-    off: [Vec<Off>; 2],
-    /// The best known, for quantiles.
-    best: Vec<Off>,
 }
 
 impl Verifier<'_> {
@@ -529,117 +498,5 @@ impl Verifier<'_> {
             max: sorted.last().copied().unwrap_or(0.0),
             bias: quantiles::mean(&signed, &mut random).over(sum),
         }
-    }
-}
-
-/// What errors are taken of.
-#[derive(Clone, Copy, PartialEq)]
-enum Part {
-    Total,
-    Reflected,
-    /// What is sampled of the light straight from lights, in units of the whole.
-    Direct,
-}
-
-impl Part {
-    fn of(self, off: &[Off]) -> Vec<DVec3> {
-        let of = |off: &Off| match self {
-            Part::Total => off.direct + off.reflected,
-            Part::Reflected => off.reflected,
-            Part::Direct => off.direct,
-        };
-        off.iter().map(of).collect()
-    }
-}
-
-impl Claim<'_> {
-    fn part(&self, part: Part, i: usize) -> DVec3 {
-        match part {
-            Part::Total | Part::Direct => self.irradiance[i],
-            Part::Reflected => self.irradiance[i] - self.lights[i],
-        }
-    }
-
-    fn all(&self, part: Part) -> impl Iterator<Item = DVec3> {
-        (0..self.irradiance.len()).map(move |i| self.part(part, i))
-    }
-
-    /// Root mean square of the length of a part, and the mean.
-    fn level(&self, part: Part) -> (f64, f64) {
-        let n = self.irradiance.len().max(1) as f64;
-        let (square, sum) = self.all(part).fold((0.0, 0.0), |(square, sum), h| {
-            (square + h.length_squared(), sum + h.length())
-        });
-        ((square / n).sqrt(), sum / n)
-    }
-
-    /// Mean of all channels together.
-    fn sum(&self, part: Part) -> f64 {
-        let n = self.irradiance.len().max(1) as f64;
-        self.all(part).map(|h| h.element_sum()).sum::<f64>() / n
-    }
-
-    /// Root mean square of the mean of the channels.
-    fn grey(&self, part: Part) -> f64 {
-        let n = self.irradiance.len().max(1) as f64;
-        let square: f64 = self
-            .all(part)
-            .map(|h| (h.element_sum() / 3.0).powi(2))
-            .sum();
-        (square / n).sqrt()
-    }
-}
-
-impl Off {
-    fn add(&mut self, other: Off) {
-        self.direct += other.direct;
-        self.reflected += other.reflected;
-    }
-}
-
-impl Measured {
-    /// What was claimed of the sampled lights, of which so far only the truth was taken off.
-    fn close(&mut self, claim: &Claim) {
-        for off in &mut self.off {
-            for (off, &i) in off.iter_mut().zip(&self.receivers) {
-                off.direct += claim.sampled[i as usize];
-            }
-        }
-    }
-
-    /// Means of the channels of both estimates of an error.
-    fn grey(&self, part: Part) -> [Vec<f64>; 2] {
-        let grey = |off: DVec3| off.element_sum() / 3.0;
-        let of = |off: &Vec<Off>| part.of(off).into_iter().map(grey).collect();
-        self.off.each_ref().map(of)
-    }
-
-    fn mean(&self) -> Vec<Off> {
-        let [a, b] = &self.off;
-        let mean = |(a, b): (&Off, &Off)| Off {
-            direct: 0.5 * (a.direct + b.direct),
-            reflected: 0.5 * (a.reflected + b.reflected),
-        };
-        a.iter().zip(b).map(mean).collect()
-    }
-
-    /// The receivers with the largest errors of either part.
-    fn largest(&self, claim: &Claim) -> Vec<usize> {
-        let count = (LARGEST * self.receivers.len() as f64).ceil() as usize;
-        let mut chosen = Vec::new();
-        for part in [Part::Total, Part::Reflected] {
-            let mean = claim.level(part).1;
-            let off = part.of(&self.best);
-            let relative = |k: usize| {
-                let light = claim.part(part, self.receivers[k] as usize).length();
-                off[k].length() / light.max(DARK * mean).max(f64::MIN_POSITIVE)
-            };
-            let mut order: Vec<usize> = (0..off.len()).collect();
-            order.sort_by(|&a, &b| relative(b).total_cmp(&relative(a)).then(a.cmp(&b)));
-            chosen.extend(order.into_iter().take(count));
-        }
-        chosen.sort_unstable();
-        chosen.dedup();
-        chosen
     }
 }
