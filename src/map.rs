@@ -1,11 +1,22 @@
 //! The result: light at every point.
 
+use std::f32::consts::PI;
+
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
-use crate::points::{PointCloud, Surfels};
+use crate::error::Result;
+use crate::points::{Neighbours, PointCloud, Surfels};
+use crate::progress::Progress;
 
-/// A point this many radii beside the surfel that it has its light from is no part of it.
-const FAR: f64 = 3.0;
+/// Surfels around a point that is none, between which its light lies.
+const AROUND: usize = 12;
+/// Difference of unit normals, and height over the distance of the farthest of them, at which a surfel
+/// counts a quarter.
+const BENT: f32 = 0.2;
+const ASIDE: f32 = 0.3;
+/// Points done between two looks at whether the work should stop.
+const BLOCK: usize = 1 << 17;
 
 /// The illumination map: one entry a point of the cloud, in its order.
 #[derive(Clone, Debug, Default)]
@@ -23,34 +34,97 @@ pub struct IlluminationMap {
 
 impl IlluminationMap {
     /// Hands the irradiance of the surfels to the points of the cloud, whose places among the surfels
-    /// are given.
+    /// are given. Points beside the surfel that stands for them get what lies between the surfels around
+    /// that face the same way.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`](crate::Error::Interrupted) if `progress` asks to stop.
     pub fn new(
         cloud: &PointCloud,
         places: &[Option<u32>],
         surfels: &Surfels,
         irradiance: &[DVec3],
-    ) -> IlluminationMap {
-        let mut map = IlluminationMap::default();
-        for (i, place) in places.iter().enumerate() {
-            let place = place.map(|k| k as usize);
-            let (light, area) = place.map_or((Vec3::ZERO, 0.0), |k| {
-                (irradiance[k].as_vec3(), surfels.areas[k])
-            });
-            map.irradiance.push(light);
-            map.radiosity
-                .push(cloud.emission[i] + cloud.reflectance[i] * light);
-            let radius = (area / std::f32::consts::PI).sqrt();
-            let far = |k: usize| {
-                let at = surfels.origin + surfels.positions[k].as_dvec3();
-                at.distance(cloud.positions[i]) > FAR * f64::from(radius)
+        progress: &dyn Progress,
+    ) -> Result<IlluminationMap> {
+        let n = cloud.len();
+        let left_out =
+            |i: &usize| places[*i].is_some_and(|k| surfels.points[k as usize] != *i as u32);
+        let tree = match (0..n).into_par_iter().any(|i| left_out(&i)) {
+            true => Some(Neighbours::new(&surfels.positions)?),
+            false => None,
+        };
+        progress.stage("points", n as u64);
+        let mut map = IlluminationMap {
+            irradiance: Vec::with_capacity(n),
+            radiosity: Vec::with_capacity(n),
+            radius: Vec::with_capacity(n),
+            in_transport: Vec::with_capacity(n),
+        };
+        let light = |i: usize| -> (Vec3, f32) {
+            let Some(k) = places[i].map(|k| k as usize) else {
+                return (Vec3::ZERO, 0.0);
             };
-            map.radius.push(match place {
-                Some(k) if !far(k) => radius,
-                _ => 0.0,
-            });
-            let own = place.is_some_and(|k| surfels.points[k] as usize == i);
-            map.in_transport.push(own);
+            let own = irradiance[k].as_vec3();
+            let radius = match surfels.stands_for(k, cloud.positions[i]) {
+                true => (surfels.areas[k] / PI).sqrt(),
+                false => return (own, 0.0),
+            };
+            match &tree {
+                Some(tree) if left_out(&i) => {
+                    let place = (cloud.positions[i] - surfels.origin).as_vec3();
+                    let normal = cloud.normals.get(i).and_then(|n| n.try_normalize());
+                    let normal = normal.unwrap_or(surfels.normals[k]);
+                    let between = between(surfels, irradiance, tree, place, normal);
+                    (between.unwrap_or(own), radius)
+                }
+                _ => (own, radius),
+            }
+        };
+        for first in (0..n).step_by(BLOCK) {
+            progress.check()?;
+            let block = first..(first + BLOCK).min(n);
+            let found: Vec<(Vec3, f32)> = block.clone().into_par_iter().map(light).collect();
+            for (i, (light, radius)) in block.clone().zip(found) {
+                map.irradiance.push(light);
+                map.radiosity
+                    .push(cloud.emission[i] + cloud.reflectance[i] * light);
+                map.radius.push(radius);
+                map.in_transport.push(places[i].is_some() && !left_out(&i));
+            }
+            progress.advance(block.len() as u64);
         }
-        map
+        Ok(map)
     }
+}
+
+/// Light at a place between surfels: a mean with weights ((R - r) / R r)², which at a surfel is its own
+/// (R. Franke and G. Nielson, "Smooth interpolation of large sets of scattered data", 1980), of those on
+/// one surface with the place. `None` where none is.
+fn between(
+    surfels: &Surfels,
+    irradiance: &[DVec3],
+    tree: &Neighbours,
+    place: Vec3,
+    normal: Vec3,
+) -> Option<Vec3> {
+    let near = tree.around(place, AROUND);
+    let distance = |&k: &u32| surfels.positions[k as usize].distance(place);
+    let reach = distance(near.last()?);
+    let (mut sum, mut whole) = (DVec3::ZERO, 0.0);
+    for k in near.iter().map(|&k| k as usize) {
+        let way = surfels.positions[k] - place;
+        let far = way.length();
+        if far == 0.0 && surfels.normals[k].dot(normal) > 0.0 {
+            return Some(irradiance[k].as_vec3());
+        }
+        let bent = surfels.normals[k].distance_squared(normal) / (BENT * BENT);
+        let aside = (surfels.normals[k].dot(way) / (ASIDE * reach)).powi(2);
+        let near = (reach - far) / (reach * far * (1.0 + bent) * (1.0 + aside));
+        if near > 0.0 && surfels.normals[k].dot(normal) > 0.0 {
+            let weight = f64::from(near * near);
+            sum += weight * irradiance[k];
+            whole += weight;
+        }
+    }
+    (whole > 0.0 && whole.is_finite()).then(|| (sum / whole).as_vec3())
 }

@@ -267,6 +267,7 @@ impl Args {
             thinning: Thinning {
                 spacing: self.spacing,
                 max_points: self.max_points.map(NonZeroUsize::get),
+                ..Thinning::default()
             },
         }
     }

@@ -11,7 +11,7 @@ use super::stats::Seconds;
 use crate::error::{Error, Result};
 use crate::map::IlluminationMap;
 use crate::octree::Octree;
-use crate::points::{self, PointCloud, Prepared, Surfels};
+use crate::points::{self, PointCloud, Prepared, Surfels, Thinning};
 use crate::progress::Progress;
 use crate::visibility::Occluders;
 
@@ -41,7 +41,12 @@ impl Geometry {
         progress: &dyn Progress,
     ) -> Result<(Geometry, Seconds)> {
         let start = Instant::now();
-        let mut prepared = Surfels::prepare_fewer(cloud, &options.thinning, progress)?;
+        // Without occlusion, a point more takes next to nothing.
+        let thinning = Thinning {
+            enough_for: (options.occlusion == Occlusion::Surfels).then_some(tolerance),
+            ..options.thinning
+        };
+        let mut prepared = Surfels::prepare_fewer(cloud, &thinning, progress)?;
         let prepare = start.elapsed().as_secs_f64();
         progress.stage("octree", 1);
         let (order, leaf_size) = expansions(options, tolerance, prepared.surfels.len(), backend)?;
@@ -81,7 +86,8 @@ impl Geometry {
         Ok((geometry, seconds))
     }
 
-    /// Takes over what the points of the cloud reflect and emit by now.
+    /// Takes over what the points of the cloud reflect and emit by now; surfels that stand for several take
+    /// the mean.
     pub fn paint(&mut self, cloud: &PointCloud) -> Result<()> {
         points::check(cloud)?;
         if cloud.len() != self.places.len() || cloud.fingerprint() != self.fingerprint {
@@ -91,21 +97,44 @@ impl Geometry {
                     .into(),
             ));
         }
-        let Surfels {
-            reflectance,
-            emission,
-            points,
-            ..
-        } = Arc::make_mut(&mut self.surfels);
-        for (k, &point) in points.iter().enumerate() {
-            reflectance[k] = cloud.reflectance[point as usize];
-            emission[k] = cloud.emission[point as usize];
+        let surfels = Arc::make_mut(&mut self.surfels);
+        let mut counts = vec![1.0; surfels.len()];
+        for (k, &point) in surfels.points.iter().enumerate() {
+            surfels.reflectance[k] = cloud.reflectance[point as usize];
+            surfels.emission[k] = cloud.emission[point as usize];
+        }
+        for (i, k) in self.places.iter().enumerate() {
+            let Some(k) = k.map(|k| k as usize) else {
+                continue;
+            };
+            let own = surfels.points[k] as usize;
+            // Strays and buried points are no part of it, and of points at one place the first counts.
+            if cloud.positions[i] != cloud.positions[own]
+                && surfels.stands_for(k, cloud.positions[i])
+            {
+                surfels.reflectance[k] += cloud.reflectance[i];
+                surfels.emission[k] += cloud.emission[i];
+                counts[k] += 1.0;
+            }
+        }
+        for (k, count) in counts
+            .into_iter()
+            .enumerate()
+            .filter(|&(_, count)| count > 1.0)
+        {
+            surfels.reflectance[k] /= count;
+            surfels.emission[k] /= count;
         }
         Ok(())
     }
 
     /// Hands the irradiance of the surfels to the points of the cloud.
-    pub fn map(&self, cloud: &PointCloud, irradiance: &[DVec3]) -> IlluminationMap {
-        IlluminationMap::new(cloud, &self.places, &self.surfels, irradiance)
+    pub fn map(
+        &self,
+        cloud: &PointCloud,
+        irradiance: &[DVec3],
+        progress: &dyn Progress,
+    ) -> Result<IlluminationMap> {
+        IlluminationMap::new(cloud, &self.places, &self.surfels, irradiance, progress)
     }
 }

@@ -209,7 +209,7 @@ impl Transport {
             repairs,
         };
         Ok(Illumination {
-            map: geometry.map(&scene.cloud, &solved.irradiance),
+            map: geometry.map(&scene.cloud, &solved.irradiance, progress)?,
             surfels: geometry.surfels.clone(),
             direct: solved.direct,
             stats,

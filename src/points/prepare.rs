@@ -23,6 +23,29 @@ pub struct Thinning {
     pub spacing: Option<f64>,
     /// Largest number of surfels.
     pub max_points: Option<usize>,
+    /// Where neither is told, of a cloud that has many more points than this tolerance needs only as many
+    /// are taken: a million at 0.03, and in proportion to its inverse square.
+    pub enough_for: Option<f64>,
+}
+
+/// Surfels that are enough for a tolerance. The error of the model falls with the distance of the points,
+/// the root of their number.
+const ENOUGH: f64 = 1e6;
+const ENOUGH_FOR: f64 = 0.03;
+/// A cloud of up to so many times more is taken as it is.
+const LEEWAY: f64 = 1.5;
+
+impl Thinning {
+    /// Surfels that a cloud of so many points has at most, if that is known before.
+    pub(crate) fn most(&self, points: usize) -> Option<usize> {
+        match (self.spacing, self.max_points, self.enough_for) {
+            (None, None, Some(tolerance)) => {
+                let enough = ENOUGH * (ENOUGH_FOR / tolerance).powi(2).max(1.0);
+                (points as f64 > LEEWAY * enough).then_some(enough as usize)
+            }
+            _ => self.max_points,
+        }
+    }
 }
 
 /// Surfels and how the points of the cloud map to them.
@@ -73,7 +96,7 @@ impl Surfels {
             return Err(Error::Invalid("the cloud has no points".into()));
         }
         if thinning.spacing.is_none() {
-            let most = thinning.max_points.unwrap_or(cloud.len());
+            let most = thinning.most(cloud.len()).unwrap_or(cloud.len());
             memory::check_points(most.min(cloud.len()) as u64)?;
         }
         if cloud.normals.is_empty() {
@@ -97,20 +120,13 @@ impl Surfels {
             surfel_of_point,
             repairs,
         };
-        let strays = prepared.make_cells(true, progress)?;
-        let with_strays = !strays.is_empty();
-        prepared.quality.strays = strays.len();
-        prepared.leave_out(&strays)?;
-        let thinned = prepared.thin(thinning);
+        prepared.thin(thinning, progress)?;
         memory::check_points(prepared.surfels.len() as u64)?;
-        if with_strays || thinned {
-            let strays = prepared.make_cells(false, progress)?;
-            // Flecks of surface that thinning made single points.
-            if thinned && !strays.is_empty() {
-                prepared.quality.strays += strays.len();
-                prepared.leave_out(&strays)?;
-                prepared.make_cells(false, progress)?;
-            }
+        let strays = prepared.make_cells(true, progress)?;
+        if !strays.is_empty() {
+            prepared.quality.strays = strays.len();
+            prepared.leave_out(&strays)?;
+            prepared.make_cells(false, progress)?;
         }
         if prepared.quality.strays > 0 {
             prepared.repairs.push(format!(
@@ -189,47 +205,75 @@ impl Prepared {
         Ok(())
     }
 
-    /// As few surfels as are asked for; those that go leave their areas, colours and light to those that
-    /// stay. Tells whether any went.
-    fn thin(&mut self, thinning: &Thinning) -> bool {
+    /// As few surfels as are asked for, or are enough; those that go leave their areas, colours and normals
+    /// to those that stay.
+    fn thin(&mut self, thinning: &Thinning, progress: &dyn Progress) -> Result<()> {
         let Surfels {
             positions, normals, ..
         } = &self.surfels;
         let n = positions.len();
-        let mut heirs: Vec<u32> = (0..n as u32).collect();
-        if let Some(spacing) = thinning.spacing {
-            heirs = spread(positions, normals, spacing as f32);
+        let most = thinning.most(n).filter(|&most| most < n);
+        if most.is_none() && thinning.spacing.is_none() {
+            return Ok(());
         }
+        progress.stage("thinning", 1);
+        let mut heirs: Vec<u32> = match thinning.spacing {
+            Some(spacing) => spread(positions, normals, spacing as f32, progress)?,
+            None => (0..n as u32).collect(),
+        };
         let staying = |heirs: &[u32]| (0..).zip(heirs).filter(|(i, h)| i == *h).count();
-        if let Some(most) = thinning.max_points.filter(|&most| most < staying(&heirs)) {
-            heirs = spread_to(positions, normals, most);
+        if let Some(most) = most.filter(|&most| most < staying(&heirs)) {
+            heirs = spread_to(positions, normals, most, progress)?;
         }
         let stay = staying(&heirs);
         if stay == n {
-            return false;
+            return Ok(());
         }
         self.quality.thinned = n - stay;
+        let why = match (thinning.spacing, thinning.max_points, thinning.enough_for) {
+            (None, None, Some(tolerance)) => format!(
+                "{stay} others are enough for a tolerance of {tolerance} (--max-points N takes up to N)"
+            ),
+            _ => format!("as was asked for, to {stay} others"),
+        };
         self.repairs.push(format!(
-            "{} points thinned out, as was asked for: they take the light of {stay} others",
+            "{} points thinned out, {why}: they take the light of those around them",
             n - stay
         ));
-        let mut sums = vec![(Vec3::ZERO, Vec3::ZERO, 0.0, 0.0); n];
-        for (i, &heir) in heirs.iter().enumerate() {
-            let sum = &mut sums[heir as usize];
-            sum.0 += self.surfels.reflectance[i];
-            sum.1 += self.surfels.emission[i];
-            sum.2 += self.given_areas[i];
-            sum.3 += 1.0;
-        }
-        for (i, (reflectance, emission, area, count)) in sums.into_iter().enumerate() {
-            if count > 0.0 {
-                self.surfels.reflectance[i] = reflectance / count;
-                self.surfels.emission[i] = emission / count;
-                self.given_areas[i] = area;
-            }
-        }
+        self.bequeath(&heirs, stay);
         self.hand_over(&heirs);
-        true
+        Ok(())
+    }
+
+    /// Gives areas and the means of colours and normals to the heirs, `stay` of which are their own.
+    fn bequeath(&mut self, heirs: &[u32], stay: usize) {
+        #[derive(Clone, Default)]
+        struct Sums {
+            reflectance: Vec3,
+            emission: Vec3,
+            normal: Vec3,
+            area: f32,
+            count: f32,
+        }
+        let mut place = vec![0; heirs.len()];
+        let own = (0..heirs.len()).filter(|&i| heirs[i] as usize == i);
+        own.zip(0..).for_each(|(i, k)| place[i] = k);
+        let mut sums = vec![Sums::default(); stay];
+        for (i, &heir) in heirs.iter().enumerate() {
+            let sums = &mut sums[place[heir as usize] as usize];
+            sums.reflectance += self.surfels.reflectance[i];
+            sums.emission += self.surfels.emission[i];
+            sums.normal += self.surfels.normals[i];
+            sums.area += self.given_areas[i];
+            sums.count += 1.0;
+        }
+        let own = (0..heirs.len()).filter(|&i| heirs[i] as usize == i);
+        for (i, sums) in own.zip(sums) {
+            self.surfels.reflectance[i] = sums.reflectance / sums.count;
+            self.surfels.emission[i] = sums.emission / sums.count;
+            self.surfels.normals[i] = sums.normal.normalize_or(self.surfels.normals[i]);
+            self.given_areas[i] = sums.area;
+        }
     }
 
     /// Keeps the surfels that are their own heirs; the points of the others go to theirs.
@@ -357,4 +401,34 @@ pub(crate) fn check(cloud: &PointCloud) -> Result<()> {
         )));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_more_points_than_a_tolerance_needs() {
+        let enough_for = |tolerance| Thinning {
+            enough_for: Some(tolerance),
+            ..Thinning::default()
+        };
+        assert_eq!(enough_for(0.03).most(10_000_000), Some(1_000_000));
+        assert_eq!(enough_for(0.3).most(10_000_000), Some(1_000_000));
+        assert_eq!(enough_for(0.03).most(1_400_000), None);
+        assert_eq!(enough_for(0.01).most(10_000_000), None);
+        assert_eq!(enough_for(0.015).most(10_000_000), Some(4_000_000));
+        // What is told counts.
+        let told = Thinning {
+            max_points: Some(3_000_000),
+            ..enough_for(0.03)
+        };
+        assert_eq!(told.most(10_000_000), Some(3_000_000));
+        let told = Thinning {
+            spacing: Some(0.01),
+            ..enough_for(0.03)
+        };
+        assert_eq!(told.most(10_000_000), None);
+        assert_eq!(Thinning::default().most(10_000_000), None);
+    }
 }

@@ -253,7 +253,7 @@ fn views(
     let some: Vec<usize> = (0..positions.len()).step_by(few).collect();
     let pick = |of: &dyn Fn(usize) -> Vec3| some.iter().map(|&i| of(i)).collect::<Vec<Vec3>>();
     let (places, normals) = (pick(&|i| positions[i]), pick(&|i| local[i].normal));
-    let keepers = spread_to(&places, &normals, COARSE);
+    let keepers = spread_to(&places, &normals, COARSE, progress)?;
     let kept: Vec<usize> = (0..some.len())
         .filter(|&k| keepers[k] as usize == k)
         .collect();

@@ -1,5 +1,7 @@
 //! Surfels: points as small pieces of surface, as structure of arrays.
 
+use std::f64::consts::PI;
+
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -37,6 +39,9 @@ pub struct Surfels {
     /// Index of each surfel's point in the cloud.
     pub points: Vec<u32>,
 }
+
+/// A point this many radii beside a surfel is no part of it.
+const FAR: f64 = 3.0;
 
 impl Surfels {
     pub fn len(&self) -> usize {
@@ -91,6 +96,13 @@ impl Surfels {
     /// Middle of the surfel's cell as an occluder.
     pub fn below(&self, i: usize) -> Vec3 {
         self.positions[i] - self.normals[i] * self.depths[i]
+    }
+
+    /// Whether a place of the scan is on the piece of surface that a surfel stands for, or close to it.
+    pub fn stands_for(&self, k: usize, place: DVec3) -> bool {
+        let at = self.origin + self.positions[k].as_dvec3();
+        let radius = (f64::from(self.areas[k]) / PI).sqrt();
+        at.distance(place) <= FAR * radius
     }
 
     /// The same surfels in another order, or some of them: entry k of the result is entry `order[k]`.
