@@ -96,7 +96,8 @@ pub struct Args {
     /// Thin out to this distance between points; those left out take the light of the others
     #[arg(long, value_name = "S", value_parser = values::positive)]
     spacing: Option<f64>,
-    /// Thin out evenly to no more than this many points
+    /// Thin out evenly to no more than this many points; without it, and without --spacing, clouds of many
+    /// more points than the tolerance needs (a million at 0.03) are thinned out to as many
     #[arg(long, value_name = "N")]
     max_points: Option<NonZeroUsize>,
     /// Size of the picture in pixels

@@ -106,9 +106,13 @@ impl Surfels {
     }
 
     /// The same surfels in another order, or some of them: entry k of the result is entry `order[k]`.
+    /// Arrays that are not there yet stay so.
     pub fn reordered(&self, order: &[u32]) -> Surfels {
         fn pick<T: Copy + Send + Sync>(from: &[T], order: &[u32]) -> Vec<T> {
-            order.par_iter().map(|&i| from[i as usize]).collect()
+            match from.is_empty() {
+                true => Vec::new(),
+                false => order.par_iter().map(|&i| from[i as usize]).collect(),
+            }
         }
         Surfels {
             origin: self.origin,

@@ -276,7 +276,9 @@ mod tests {
         let (positions, normals) = sheet();
         let spacing = 0.05;
         let keepers = spread(&positions, &normals, spacing, &Silent).unwrap();
-        let kept: Vec<usize> = (0..keepers.len()).filter(|&i| keepers[i] as usize == i).collect();
+        let kept: Vec<usize> = (0..keepers.len())
+            .filter(|&i| keepers[i] as usize == i)
+            .collect();
         let far = |i: usize, j: usize| match normals[i].dot(normals[j]) > SAME_SIDE {
             true => positions[i].distance(positions[j]),
             false => f32::INFINITY,
@@ -285,7 +287,10 @@ mod tests {
             assert!(kept[..k].iter().all(|&j| far(i, j) >= spacing));
         }
         for (i, &keeper) in keepers.iter().enumerate() {
-            let nearest = kept.iter().map(|&k| far(i, k)).fold(f32::INFINITY, f32::min);
+            let nearest = kept
+                .iter()
+                .map(|&k| far(i, k))
+                .fold(f32::INFINITY, f32::min);
             assert!(nearest < spacing && far(i, keeper as usize) == nearest);
         }
         // Discs of half the spacing fill 0.5 to 0.75 of the plane where there are many points.
@@ -300,7 +305,10 @@ mod tests {
         for most in [100, 1000, 5999, 6000] {
             let keepers = spread_to(&positions, &normals, most, &Silent).unwrap();
             let kept = (0..).zip(&keepers).filter(|(i, k)| i == *k).count();
-            assert!(kept <= most && kept as f64 > 0.85 * most as f64, "{kept} of {most}");
+            assert!(
+                kept <= most && kept as f64 > 0.85 * most as f64,
+                "{kept} of {most}"
+            );
         }
     }
 }
