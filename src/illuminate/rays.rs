@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 use rand::RngExt;
+use serde::{Deserialize, Serialize};
 
 use super::fmm::budget;
 use super::task::{Solve, Solved, Task, counts};
@@ -29,7 +30,7 @@ const DRAWS: u64 = 8;
 const ERROR_RESIDUAL: f64 = 0.01;
 
 /// Rays that were cast.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Rays {
     /// From each surfel.
     pub count: u32,
