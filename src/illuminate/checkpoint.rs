@@ -267,7 +267,11 @@ impl<'a> Stages<'a> {
             to.write_all(&MAGIC)?;
             to.write_all(&self.fingerprint.to_le_bytes())?;
             to.write_all(&self.counted.segments().to_le_bytes())?;
-            postcard::to_io(result, &mut to).map_err(io::Error::other)?;
+            if let Err(e) = postcard::to_io(result, &mut to) {
+                // What is in the way says so better itself.
+                to.flush()?;
+                return Err(io::Error::other(e));
+            }
             let sum = to.hash.digest();
             to.inner.write_all(&sum.to_le_bytes())
         })
