@@ -26,7 +26,7 @@ const WRONG: [(&Shader, &str, &str, &str); 17] = [
         "near field",
     ),
     (&wgsl::P2P, "0.31830988618", "0.3184", "P2P"),
-    (&wgsl::AXPY, "* a", "", "fields"),
+    (&wgsl::AXPY, "* a", "* (a + 1.0)", "fields"),
     (&wgsl::SCALE, "* a", "* abs(a)", "fields"),
     (&wgsl::MULTIPLY, "factor[i].xyz", "factor[i].xzy", "fields"),
     (
