@@ -108,7 +108,9 @@ mod random;
 
 pub use error::{Error, Result};
 pub use illuminate::stats::Stats;
-pub use illuminate::{Backend, Illumination, Method, Occlusion, Options, Transport, illuminate};
+pub use illuminate::{
+    Backend, Checkpoint, Illumination, Method, Occlusion, Options, Transport, illuminate,
+};
 pub use map::IlluminationMap;
 pub use points::{PointCloud, Surfels};
 pub use progress::Progress;

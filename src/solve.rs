@@ -3,6 +3,8 @@
 //! With H₀ the irradiance straight from the lights and ρ the reflectance, the reflected radiosity
 //! R = ρ H solves (I - ρF) R = ρ H₀.
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::Result;
 use crate::operator::{Fields, TransportOperator};
 use crate::progress::Progress;
@@ -19,7 +21,7 @@ pub struct Stop {
 }
 
 /// Where the solver ended.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Ended {
     /// Applications of the operator.
     pub iterations: u32,

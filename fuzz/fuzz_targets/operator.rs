@@ -12,15 +12,12 @@ use libfuzzer_sys::fuzz_target;
 use tempfile::TempDir;
 use xxhash_rust::xxh3::xxh3_64;
 
-const OPTIONS: Options = Options {
-    method: Method::Fmm,
-    occlusion: fmmgi_gpu::Occlusion::Surfels,
-    tolerance: None,
-    order: None,
-    max_bounces: None,
-    rays: None,
-    seed: 0,
-};
+fn options() -> Options {
+    Options {
+        method: Method::Fmm,
+        ..Options::default()
+    }
+}
 
 /// Two plates of 6 by 6 points that face each other, under a lamp, and the file of what was kept.
 struct Start {
@@ -49,7 +46,7 @@ fn start() -> Start {
     };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("kept");
-    let mut transport = Transport::new(&scene, &OPTIONS, Backend::Cpu, &Silent).unwrap();
+    let mut transport = Transport::new(&scene, &options(), Backend::Cpu, &Silent).unwrap();
     transport.illuminate(&scene, &Silent).unwrap();
     transport.save(&path).unwrap();
     let bytes = std::fs::read(path).unwrap();
@@ -76,7 +73,7 @@ fuzz_target!(|changes: &[u8]| {
     let path = start.folder.path().join("other");
     std::fs::write(&path, &bytes).unwrap();
     if let Ok(mut loaded) =
-        Transport::load(&path, &start.scene, &OPTIONS, Backend::Cpu, &Silent)
+        Transport::load(&path, &start.scene, &options(), Backend::Cpu, &Silent)
     {
         let _ = loaded.illuminate(&start.scene, &Silent);
     }

@@ -10,7 +10,8 @@ use fmmgi_gpu::output::{self, Format, write_atomic, write_stats};
 use fmmgi_gpu::points::{Facing, Thinning};
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
 use fmmgi_gpu::{
-    Error, Method, Occlusion, Options, Progress, Result, Scene, Stats, Transport, memory, render,
+    Checkpoint, Error, Method, Occlusion, Options, Progress, Result, Scene, Stats, Transport,
+    memory, render,
 };
 use glam::{DVec3, Vec3};
 
@@ -42,6 +43,9 @@ pub struct Args {
     /// Take what was kept of the same cloud; light that needs more accuracy than those before refines it
     #[arg(long, value_name = "FILE")]
     pub operator: Option<PathBuf>,
+    /// Leave what is found in a folder, stage by stage: the same command goes on there, if it was killed
+    #[arg(long, value_name = "DIR")]
+    checkpoint: Option<PathBuf>,
     /// Points to make on the shapes of a scene file, and on a mesh
     #[arg(long, value_name = "N")]
     points: Option<NonZeroUsize>,
@@ -155,7 +159,12 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     if args.save_operator.is_some() || args.operator.is_some() {
         options.check_keeping()?;
     }
-    let chosen = backend::choose(args.backend, args.adapter.as_deref(), options.method)?;
+    let checkpoint = args
+        .checkpoint
+        .as_deref()
+        .map(Checkpoint::open)
+        .transpose()?;
+    let mut chosen = backend::choose(args.backend, args.adapter.as_deref(), options.method)?;
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads.into())
@@ -185,14 +194,18 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
         .map_err(|error| error.about(outputs::names(&args.inputs)))?;
     let normals = clock.elapsed().as_secs_f64();
     warn_of_darkness(&scene, &progress);
-    progress.note(&format!("backend: {}", chosen.describe()));
-
     let about = |error: Error| error.about(outputs::names(&args.inputs));
-    let mut transport = match &args.operator {
-        None => Transport::new(&scene, &options, chosen.backend(), &progress).map_err(about)?,
-        Some(path) => Transport::load(path, &scene, &options, chosen.backend(), &progress)?,
-    };
-    let mut result = transport.illuminate(&scene, &progress).map_err(about)?;
+    let (transport, mut result) = chosen.run(&progress, |backend| {
+        let mut transport = match &args.operator {
+            None => Transport::new(&scene, &options, backend, &progress).map_err(about)?,
+            Some(path) => Transport::load(path, &scene, &options, backend, &progress)?,
+        };
+        let result = match &checkpoint {
+            None => transport.illuminate(&scene, &progress),
+            Some(checkpoint) => transport.illuminate_from(&scene, checkpoint, &progress),
+        };
+        Ok((transport, result.map_err(about)?))
+    })?;
     let kept = args.save_operator.as_deref().zip(Some(transport));
 
     // Everything is computed before anything is written: an interruption leaves no half result.
@@ -227,6 +240,7 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     if let Some(path) = &args.stats {
         write_stats(path, stats)?;
     }
+    checkpoint.map_or(Ok(()), Checkpoint::clear)?;
     if !args.quiet {
         super::print(&summary(stats, &chosen.describe(), &files))?;
     }

@@ -5,7 +5,7 @@ use std::time::Instant;
 use glam::DVec3;
 use rand::RngExt;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::stats::RowSum;
 use crate::error::Result;
@@ -21,7 +21,7 @@ use crate::visibility::Visibility;
 ///
 /// The sky is seen past the cells: with the classic method, whose links are seen past points, what
 /// both make of the same surface differs too.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Checks {
     /// 0 ≤ F: the least irradiance, relative to the mean, that any surfel gets from fields that are
     /// nowhere negative: 1, two random ones, the solution (but for what the solver leaves). Below 0 F
@@ -43,7 +43,7 @@ pub struct Checks {
 }
 
 /// What [`check`] found.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Checked {
     pub row_sum: RowSum,
     pub checks: Checks,
@@ -52,7 +52,7 @@ pub struct Checked {
 }
 
 /// A quantity of some surfels.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
     pub mean: f64,
     /// The value farthest from 1.

@@ -69,7 +69,13 @@ impl Task<'_> {
             false => Some(Smoother::new(surfels, visibility, progress)?),
         };
         let smoother = smoother.as_ref();
-        let mut direct = self.direct_light(effort.lights, smoother, repairs)?;
+        let stages = self.stages;
+        let (mut direct, mended) = stages.next(|| {
+            let mut mended = Vec::new();
+            let direct = self.direct_light(effort.lights, smoother, &mut mended)?;
+            Ok((direct, mended))
+        })?;
+        repairs.extend(mended);
         let mut seconds = 0.0;
         let mut solve = |linked: &mut Linked, work: &Work| {
             let clock = Instant::now();
@@ -81,7 +87,7 @@ impl Task<'_> {
         let dark = direct.irradiance.iter().all(|h| *h == DVec3::ZERO);
         let mut before = match black || dark || self.max_bounces == Some(0) {
             true => None,
-            false => Some(self.rough(&direct, linked, &mut solve)?),
+            false => Some(stages.next(|| self.rough(&direct, linked, &mut solve))?),
         };
         let mut history: Vec<(f64, f64)> = Vec::new();
         let mut best: Option<Solved> = None;
@@ -90,14 +96,18 @@ impl Task<'_> {
             let found = before.as_ref().map(|before| {
                 let irradiance = Some(before.irradiance.as_slice());
                 let accuracy = self.accuracy(&before.reflected, irradiance, effort.links);
-                linked.refine(self, &accuracy, if round == 0 { SLACK } else { 1.0 })?;
-                let start = Some(before.reflected.as_slice());
-                let work = self.work(&direct.irradiance, start, self.stop());
-                let bounced = solve(linked, &work)?;
-                let noise = effort.links / ERROR_A_LINK;
-                Ok(match smoother {
-                    None => bounced,
-                    Some(smoother) => even(bounced, surfels, smoother, &direct.irradiance, noise),
+                linked.refine_in_stage(self, &accuracy, if round == 0 { SLACK } else { 1.0 })?;
+                stages.next(|| {
+                    let start = Some(before.reflected.as_slice());
+                    let work = self.work(&direct.irradiance, start, self.stop());
+                    let bounced = solve(linked, &work)?;
+                    let noise = effort.links / ERROR_A_LINK;
+                    Ok(match smoother {
+                        None => bounced,
+                        Some(smoother) => {
+                            even(bounced, surfels, smoother, &direct.irradiance, noise)
+                        }
+                    })
                 })
             });
             let found = match (found.transpose(), &best) {
@@ -111,7 +121,8 @@ impl Task<'_> {
             let claimed = found.as_ref().map(|bounced| (linked.links(), bounced));
             let model = best.as_ref().and_then(|last| last.model_error);
             let tested = budget(visibility.segments());
-            let (verified, model) = self.verify_round(&direct, claimed, tested, model, round)?;
+            let (verified, model) =
+                stages.next(|| self.verify_round(&direct, claimed, tested, model, round))?;
             verification += clock.elapsed().as_secs_f64();
             self.progress.note(&format!(
                 "links within {:.1e}, lights within {:.1e}: {verified}",
@@ -147,7 +158,8 @@ impl Task<'_> {
             effort = effort.refined(&verified, &history, self.visibility.is_open());
             before = found;
             if effort.lights < last.lights {
-                direct = self.direct_light(effort.lights, smoother, &mut Vec::new())?;
+                direct =
+                    stages.next(|| self.direct_light(effort.lights, smoother, &mut Vec::new()))?;
             }
         }
         Ok(Solved {

@@ -51,19 +51,20 @@ impl Linked {
     /// Makes the links good enough for a light. Without occlusion all are found afresh, which takes
     /// next to no time: no segment is tested.
     pub fn refine(&mut self, task: &Task, accuracy: &Accuracy, slack: f32) -> Result<()> {
-        let (surfels, octree, progress) = (task.surfels, task.octree, task.progress);
-        let opened = match task.visibility.is_open() {
-            true => {
-                self.kept.links = links::build_open(surfels, octree, accuracy, progress)?;
-                1
-            }
-            false => {
-                let visibility = task.visibility;
-                let kept = &mut self.kept;
-                kept.refine(surfels, octree, accuracy, slack, visibility, progress)?
-            }
-        };
-        if opened > 0 {
+        if refine(&mut self.kept, task, accuracy, slack)? {
+            self.on_device = None;
+        }
+        Ok(())
+    }
+
+    /// The same as the next stage of the run.
+    pub fn refine_in_stage(&mut self, task: &Task, accuracy: &Accuracy, slack: f32) -> Result<()> {
+        let mut changed = true;
+        task.stages.update(&mut self.kept, |kept| {
+            changed = refine(kept, task, accuracy, slack)?;
+            Ok(())
+        })?;
+        if changed {
             self.on_device = None;
         }
         Ok(())
@@ -81,4 +82,16 @@ impl Linked {
         };
         work.solve(self.on_device.insert(operator), task.progress)
     }
+}
+
+/// Tells whether any link has changed.
+fn refine(kept: &mut Kept, task: &Task, accuracy: &Accuracy, slack: f32) -> Result<bool> {
+    let (surfels, octree, progress) = (task.surfels, task.octree, task.progress);
+    if task.visibility.is_open() {
+        kept.links = links::build_open(surfels, octree, accuracy, progress)?;
+        return Ok(true);
+    }
+    let visibility = task.visibility;
+    let opened = kept.refine(surfels, octree, accuracy, slack, visibility, progress)?;
+    Ok(opened > 0)
 }

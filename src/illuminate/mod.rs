@@ -1,6 +1,7 @@
 //! The main job: scene in, illumination map and what it took out.
 
 mod amplified;
+mod checkpoint;
 pub mod checks;
 mod even;
 mod file;
@@ -22,6 +23,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+pub use self::checkpoint::Checkpoint;
 pub use self::options::{Backend, DEFAULT_TOLERANCE, Method, Occlusion, Options};
 pub use self::quantiles::Interval;
 pub use self::rays::RAYS;

@@ -5,6 +5,7 @@ use std::ops::{Range, RangeInclusive};
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
 
 use super::even::even;
 use super::fmm::budget;
@@ -33,7 +34,7 @@ const AIM: f64 = 0.9;
 const STUCK: f64 = 0.85;
 
 /// Rays that were cast.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Rays {
     /// From each surfel.
     pub count: u32,
@@ -161,7 +162,12 @@ impl<'a> Cast<'a> {
 
     fn numbers(&mut self, numbers: Range<u32>) -> Result<Rows> {
         let clock = Instant::now();
-        let Task { surfels, seed, progress, .. } = *self.task;
+        let Task {
+            surfels,
+            seed,
+            progress,
+            ..
+        } = *self.task;
         let rows = links::gather::<f32>(surfels, self.occluders, numbers, seed, progress)?;
         self.seconds += clock.elapsed().as_secs_f64();
         Ok(rows)
@@ -192,7 +198,10 @@ fn noise(halves: [&Rows; 2], bounced: &Bounced, lights: &[DVec3]) -> f64 {
         cpu::near_field::<f32>(near, &sent, &mut irradiance);
         irradiance
     });
-    let differences = a.iter().zip(&b).map(|(a, b)| (*a - *b).as_dvec3() * 0.5 * unit);
+    let differences = a
+        .iter()
+        .zip(&b)
+        .map(|(a, b)| (*a - *b).as_dvec3() * 0.5 * unit);
     let square = |light: DVec3| light.length_squared();
     let all = bounced.irradiance.iter().zip(lights);
     let reflected: f64 = all.map(|(h, light)| square(*h - *light)).sum();

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::Method;
 use super::checks::Checks;
@@ -34,7 +34,7 @@ pub struct Seconds {
 }
 
 /// Row sums of the operator before any clamp: at most 1 for a true form-factor matrix.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct RowSum {
     /// Largest of all surfels.
     pub max: f64,

@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
 
+use super::checkpoint::Stages;
 use super::checks::Checked;
 use super::rays::Rays;
 use super::verify::Verified;
@@ -43,11 +45,12 @@ pub(super) struct Task<'a> {
     /// Whether the tolerance counts however little the points allow.
     pub below_model: bool,
     pub seed: u64,
+    pub stages: &'a Stages<'a>,
     pub progress: &'a dyn Progress,
 }
 
 /// Irradiance of the surfels, and how it was found.
-#[derive(Default)]
+#[derive(Default, Serialize, Deserialize)]
 pub(super) struct Solved {
     pub irradiance: Vec<DVec3>,
     /// The part of it straight from lights, where it was found apart.
@@ -67,6 +70,7 @@ pub(super) struct Solved {
 }
 
 /// Irradiance straight from the lights.
+#[derive(Serialize, Deserialize)]
 pub(super) struct DirectLight {
     pub irradiance: Vec<DVec3>,
     /// The part of it that is sampled: from sky and emitters.

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+use super::checkpoint::{Checkpoint, Stages, fingerprint};
 use super::geometry::Geometry;
 use super::linked::Linked;
 use super::options::{DEFAULT_TOLERANCE, check_options, check_scene, choose};
@@ -13,7 +14,7 @@ use super::work::Work;
 use super::{Backend, Illumination, Method, Options, file};
 use crate::error::{Error, Result};
 use crate::links::{Kept, Links, Thresholds};
-use crate::operator::{Fmm, GpuFmm};
+use crate::operator::{Fmm, GpuFmm, trial};
 use crate::passes::gpu::{Gpu, GpuPointVisibility, GpuVisibility};
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -132,7 +133,7 @@ impl Transport {
         backend: Backend,
         prepared: Seconds,
     ) -> Result<Transport> {
-        let device = Device::of(backend, geometry.occluders.clone())?;
+        let device = Device::of(backend, geometry.occluders.clone(), geometry.order)?;
         let gpu = device.as_ref().map(|d| d.gpu.clone());
         Ok(Transport {
             options: options.clone(),
@@ -149,6 +150,31 @@ impl Transport {
     ///
     /// Fails with [`Error::Invalid`] if the points are others.
     pub fn illuminate(&mut self, scene: &Scene, progress: &dyn Progress) -> Result<Illumination> {
+        self.stage_by_stage(scene, None, progress)
+    }
+
+    /// The same, stage by stage: what was found is left in a checkpoint, and what a run before has left
+    /// there is taken from it. The result has the same bits, wherever that run was killed, if the
+    /// backend is the same.
+    ///
+    /// Preparing the cloud is no such stage; the methods but `Fmm` have a single one.
+    ///
+    /// Fails with [`Error::Input`] if the checkpoint is that of another input or other options.
+    pub fn illuminate_from(
+        &mut self,
+        scene: &Scene,
+        checkpoint: &Checkpoint,
+        progress: &dyn Progress,
+    ) -> Result<Illumination> {
+        self.stage_by_stage(scene, Some(checkpoint), progress)
+    }
+
+    fn stage_by_stage(
+        &mut self,
+        scene: &Scene,
+        checkpoint: Option<&Checkpoint>,
+        progress: &dyn Progress,
+    ) -> Result<Illumination> {
         let start = Instant::now();
         let tolerance = tolerance(scene, &self.options);
         check_scene(scene, tolerance)?;
@@ -156,6 +182,13 @@ impl Transport {
         let geometry = &self.geometry;
         let tester = tester(geometry, self.method, self.device.as_ref());
         let visibility = Counted::new(tester.as_ref());
+        let stages = match checkpoint {
+            None => Stages::unkept(&visibility),
+            Some(checkpoint) => {
+                let run = self.fingerprint(scene, tolerance)?;
+                Stages::new(checkpoint, run, &visibility, progress)?
+            }
+        };
         let task = Task {
             scene,
             surfels: &geometry.surfels,
@@ -166,12 +199,20 @@ impl Transport {
             max_bounces: self.options.max_bounces,
             below_model: self.options.below_model,
             seed: self.options.seed,
+            stages: &stages,
             progress,
         };
         let mut repairs = geometry.repairs.clone();
         let solved = match self.method {
             Method::Fmm => task.fmm(&mut self.linked, &mut repairs)?,
-            _ => self.afresh(&task, &mut repairs)?,
+            _ => {
+                let (solved, mended) = stages.next(|| {
+                    let mut mended = Vec::new();
+                    Ok((self.afresh(&task, &mut mended)?, mended))
+                })?;
+                repairs.extend(mended);
+                solved
+            }
         };
         let tests = visibility.seconds() + solved.tests + solved.rays.map_or(0.0, |r| r.seconds);
         let checks = solved.checked.map_or(0.0, |c| c.seconds);
@@ -215,6 +256,25 @@ impl Transport {
         })
     }
 
+    /// What decides on the light: input, options, the links that are there, and the version. Not the
+    /// backend: what one has begun, another can go on with.
+    fn fingerprint(&self, scene: &Scene, tolerance: f64) -> Result<u64> {
+        let cloud = &scene.cloud;
+        let told = format!(
+            "{} {:?} {:?} {tolerance} {} {}",
+            env!("CARGO_PKG_VERSION"),
+            self.method,
+            self.options,
+            self.geometry.order,
+            self.geometry.fingerprint,
+        );
+        let lights: Vec<_> = (scene.lights.iter())
+            .map(|light| (light.position, light.intensity))
+            .collect();
+        let colours = (&cloud.reflectance, &cloud.emission);
+        fingerprint(&(told, lights, scene.sky, colours, self.linked.kept()))
+    }
+
     /// Solves by a method that keeps nothing.
     fn afresh(&self, task: &Task, repairs: &mut Vec<String>) -> Result<Solved> {
         let (surfels, octree, progress) = (task.surfels, task.octree, task.progress);
@@ -246,8 +306,12 @@ impl Transport {
 }
 
 impl Device {
-    /// The device of a backend, if it has one.
-    fn of(backend: Backend, occluders: Option<Arc<Occluders>>) -> Result<Option<Device>> {
+    /// The device of a backend, if it has one, after a trial.
+    fn of(
+        backend: Backend,
+        occluders: Option<Arc<Occluders>>,
+        order: usize,
+    ) -> Result<Option<Device>> {
         let Backend::Gpu {
             device,
             queue,
@@ -257,6 +321,7 @@ impl Device {
             return Ok(None);
         };
         let gpu = Gpu::new(device, queue);
+        trial(&gpu, order)?;
         let visibility = occluders.map(|occluders| GpuVisibility::new(&gpu, occluders));
         Ok(Some(Device {
             visibility: visibility.transpose()?,

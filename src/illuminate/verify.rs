@@ -15,7 +15,7 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::amplified::{Amplified, amplified};
 pub use super::measured::{Claim, Measured};
@@ -36,7 +36,7 @@ use crate::visibility::Visibility;
 /// has it, each with its 95% bounds, lower and upper.
 ///
 /// Quantiles hold a little noise of the estimates as well, and are rather too large.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Errors {
     /// Relative L2 error of the last bounce: the operator was applied once to the light of the
     /// solution, and is compared with the exact sum over that same light.
@@ -53,7 +53,7 @@ pub struct Errors {
 }
 
 /// What verifying a solution found.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Verified {
     /// Surfels that were looked at.
     pub receivers: usize,

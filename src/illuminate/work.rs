@@ -1,6 +1,7 @@
 //! The radiosity equation of a scene, solved with whichever operator there is.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::checks::{Bounce, Checked, check};
 use crate::error::{Error, Result};
@@ -24,7 +25,7 @@ pub(super) struct Work<'a> {
 }
 
 /// Solution of a [`Work`].
-#[derive(Clone)]
+#[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Bounced {
     pub irradiance: Vec<DVec3>,
     pub reflected: Vec<DVec3>,

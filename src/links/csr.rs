@@ -1,12 +1,13 @@
 //! Compressed rows: which sources act on each target.
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 
 /// Sources of each target with one weight a link: those of target t are the entries
 /// `offsets[t]..offsets[t + 1]` of `sources` and `weights`.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Rows {
     /// Where each target's entries begin, and the number of entries at the end.
     pub offsets: Vec<u32>,

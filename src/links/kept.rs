@@ -4,6 +4,8 @@
 //! source, in units of the error that is allowed at its target ([`Accuracy::demand`]). A link that was
 //! made for some demand is good for every light that demands no more of it; others are opened again.
 
+use serde::{Deserialize, Serialize};
+
 use super::build::build_from;
 use super::{Accuracy, Entry, Links, Rows};
 use crate::error::Result;
@@ -19,7 +21,7 @@ use crate::visibility::Visibility;
 pub const SLACK: f32 = 2.0;
 
 /// Links with tested visibility, what each of them was made for, and what has none.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Kept {
     pub links: Links,
     /// Demands of the links in `links.m2l`, by order.

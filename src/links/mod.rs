@@ -29,6 +29,8 @@ pub use open::build_open;
 pub use spans::Span;
 pub use walk::Interaction;
 
+use serde::{Deserialize, Serialize};
+
 use crate::octree::Facet;
 
 /// Largest order of mixed links: what they get wrong at the horizon, more terms do not mend.
@@ -38,7 +40,7 @@ pub const MIXED_ORDER: usize = 2;
 /// one of them, unless its source is dark or what it brings is too little to be seen by samples.
 ///
 /// The weight of an entry is the part of the light that gets through, where nothing else is said.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Links {
     /// Facet from facet, moments into local expansion (M2L): `m2l[p]` are those of order p. The
     /// weight is the visible part, relative to the expansion.

@@ -9,6 +9,7 @@ mod gpu;
 mod gpu_fields;
 mod hausner;
 mod sampled;
+mod trial;
 
 pub use all_pairs::AllPairs;
 pub use direct::{Direct, exact_irradiance};
@@ -18,6 +19,7 @@ pub use gpu::GpuFmm;
 pub use gpu_fields::GpuFields;
 pub use hausner::Hausner;
 pub use sampled::{Draw, Sampler};
+pub use trial::trial;
 
 use crate::error::Result;
 

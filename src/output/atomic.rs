@@ -79,13 +79,27 @@ impl Target {
     }
 }
 
+/// What the names of temporary files begin with.
+const TEMPORARY: &str = ".fmmgi-";
+
+/// Removes the temporary files that writers left in a folder as they were killed.
+pub(crate) fn remove_temporary(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_name().to_string_lossy().starts_with(TEMPORARY) {
+            fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
+}
+
 fn temporary(target: &Path) -> io::Result<NamedTempFile> {
     let directory = match target.parent() {
         Some(parent) if parent != Path::new("") => parent,
         _ => Path::new("."),
     };
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".fmmgi-");
+    builder.prefix(TEMPORARY);
     // The permissions of an ordinary new file, not those of a secret.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));

@@ -9,6 +9,7 @@ mod rows;
 
 use std::path::Path;
 
+pub(crate) use atomic::remove_temporary;
 pub use atomic::{check_writable, write_atomic, write_atomic_file};
 pub use csv::write_csv;
 use glam::DVec3;

@@ -32,6 +32,11 @@ impl<'a> Counted<'a> {
         self.segments.load(Ordering::Relaxed)
     }
 
+    /// Goes on from another number.
+    pub(crate) fn set_segments(&self, segments: u64) {
+        self.segments.store(segments, Ordering::Relaxed);
+    }
+
     /// Seconds spent testing them.
     pub fn seconds(&self) -> f64 {
         self.nanoseconds.load(Ordering::Relaxed) as f64 * 1e-9

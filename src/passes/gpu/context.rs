@@ -43,6 +43,16 @@ impl Gpu {
         Ok(made)
     }
 
+    /// Takes the pipeline of another shader for that of a stage: so a driver that computes wrongly can
+    /// be had for tests.
+    #[doc(hidden)]
+    pub fn mistake(&self, stage: &Shader, other: &Shader) -> Result<()> {
+        let made = self.watch(other.name, || Ok(other.compile(&self.device)))?;
+        let mut pipelines = (self.pipelines.lock()).unwrap_or_else(PoisonError::into_inner);
+        pipelines.insert(*stage, made);
+        Ok(())
+    }
+
     /// Runs `work` and turns what the device has to say against it into an error.
     ///
     /// The device's own handlers stay untouched: they belong to whoever made it.
