@@ -69,8 +69,9 @@
 //! each other; a point light of intensity I gives I cos / r², a uniform sky an open plane its value.
 //! A surfel shines and reflects to the side of its normal only, and blocks light from both sides.
 
-// The whole job.
+// The whole job, and what it will take.
 pub mod illuminate;
+pub mod plan;
 
 // Points from files.
 pub mod scan;
@@ -99,6 +100,7 @@ pub mod render;
 pub mod solve;
 
 // Used all along the way.
+pub mod cgroup;
 pub mod colour;
 pub mod error;
 pub mod math;
@@ -110,6 +112,7 @@ pub use error::{Error, Result};
 pub use illuminate::stats::Stats;
 pub use illuminate::{Backend, Illumination, Method, Occlusion, Options, Transport, illuminate};
 pub use map::IlluminationMap;
+pub use plan::Plan;
 pub use points::{PointCloud, Surfels};
 pub use progress::Progress;
 pub use scene::Scene;

@@ -5,12 +5,12 @@ use std::time::Instant;
 
 use glam::DVec3;
 
-use super::Backend;
-use super::options::{Occlusion, Options, expansions};
+use super::options::{Occlusion, Options};
 use super::stats::Seconds;
 use crate::error::{Error, Result};
 use crate::map::IlluminationMap;
 use crate::octree::Octree;
+use crate::plan::Plan;
 use crate::points::{self, PointCloud, Prepared, Surfels};
 use crate::progress::Progress;
 use crate::visibility::Occluders;
@@ -36,17 +36,15 @@ impl Geometry {
     pub fn prepare(
         cloud: &PointCloud,
         options: &Options,
-        tolerance: f64,
-        backend: &Backend,
+        plan: &Plan,
         progress: &dyn Progress,
     ) -> Result<(Geometry, Seconds)> {
         let start = Instant::now();
         let mut prepared = Surfels::prepare_fewer(cloud, &options.thinning, progress)?;
         let prepare = start.elapsed().as_secs_f64();
         progress.stage("octree", 1);
-        let (order, leaf_size) = expansions(options, tolerance, prepared.surfels.len(), backend)?;
         let build = |prepared: &Prepared| {
-            let (octree, surfels) = Octree::build(&prepared.surfels, leaf_size);
+            let (octree, surfels) = Octree::build(&prepared.surfels, plan.leaf_size);
             let occluders = match options.occlusion {
                 Occlusion::Surfels => Some(Occluders::build(&surfels)),
                 Occlusion::None => None,
@@ -70,7 +68,7 @@ impl Geometry {
             places,
             fingerprint: cloud.fingerprint(),
             octree,
-            order,
+            order: plan.order.unwrap_or(0),
             repairs: prepared.repairs,
         };
         let seconds = Seconds {

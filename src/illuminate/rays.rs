@@ -6,7 +6,6 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 use rand::RngExt;
 
-use super::fmm::budget;
 use super::task::{Solve, Solved, Task, counts};
 use super::work::{BOUNCES_INSTEAD, Bounced, Work};
 use crate::error::{Error, Result};
@@ -21,12 +20,26 @@ use crate::visibility::Occluders;
 /// Rays from each surfel that can be asked for.
 pub const RAYS: RangeInclusive<u32> = 2..=1 << 16;
 /// Rays to begin with.
-const FIRST_RAYS: u32 = 32;
+pub(super) const FIRST_RAYS: u32 = 32;
 /// Draws of an error that might have been, whose mean square is taken.
 const DRAWS: u64 = 8;
 /// Residual to which each of them is solved. What is brightened most, a small part of the whole, must
 /// not be lost in it.
 const ERROR_RESIDUAL: f64 = 0.01;
+
+/// Further rounds in which a measured error is brought down by twice as many rays.
+const ROUNDS: u64 = 2;
+
+/// How many rays each surfel casts.
+#[derive(Clone, Copy)]
+pub(super) enum Wanted {
+    /// So many.
+    Exactly(u32),
+    /// As many as bring their standard error within the tolerance.
+    Noise,
+    /// So many, and some more if the measured error asks for them.
+    Verified(u32),
+}
 
 /// Rays that were cast.
 #[derive(Clone, Copy)]
@@ -49,15 +62,18 @@ struct Found {
 
 impl Task<'_> {
     /// Lights per surfel, then rays for what is reflected: twice as many, until half of them agree
-    /// with the other half, or the memory is full.
+    /// with the other half, or the measured error is small enough, or the memory is full.
     pub fn gather(
         &self,
         occluders: &Occluders,
-        wanted: Option<u32>,
+        wanted: Wanted,
         repairs: &mut Vec<String>,
         solve: Solve,
     ) -> Result<Solved> {
-        let first = wanted.unwrap_or(FIRST_RAYS).next_power_of_two();
+        let first = match wanted {
+            Wanted::Exactly(rays) | Wanted::Verified(rays) => rays.next_power_of_two(),
+            Wanted::Noise => FIRST_RAYS,
+        };
         let check_memory = |rays| memory::check_rays(self.surfels.len(), rays, memory::available());
         check_memory(first)?;
         let direct = self.direct_light(self.tolerance, None, repairs)?;
@@ -100,8 +116,30 @@ impl Task<'_> {
         };
         let mut found = twice(first, &half, None)?;
         drop(half);
-        while wanted.is_none() && found.standard_error > self.tolerance && found.rays < *RAYS.end()
-        {
+        let verify = |found: &Found, bounced: &Bounced, model, round| {
+            let segments = u64::from(found.rays) * self.surfels.len() as u64;
+            let clock = Instant::now();
+            let claimed = Some((&found.links, bounced));
+            let verified = self.verify_round(&direct, claimed, segments, model, round)?;
+            Ok::<_, Error>((verified, clock.elapsed().as_secs_f64()))
+        };
+        let (mut verified, mut model, mut verification) = (None, None, 0.0);
+        for round in 0.. {
+            let enough = match wanted {
+                Wanted::Exactly(_) => true,
+                Wanted::Noise => found.standard_error <= self.tolerance,
+                Wanted::Verified(_) => {
+                    let (looked, seconds) = verify(&found, &found.bounced, model, round)?;
+                    let error = looked.0;
+                    verification += seconds;
+                    self.progress.note(&format!("{} rays: {error}", found.rays));
+                    (verified, model) = (Some(error), looked.1);
+                    error.met || round == ROUNDS
+                }
+            };
+            if enough || found.rays >= *RAYS.end() {
+                break;
+            }
             let start = Some(found.bounced.reflected.as_slice());
             found = match twice(2 * found.rays, &found.links.near, start) {
                 Err(Error::TooLarge(why)) => {
@@ -115,17 +153,22 @@ impl Task<'_> {
         let work = self.work(lights, Some(&found.bounced.reflected), self.stop());
         let bounced = solve(&found.links, &work)?;
         solving += clock.elapsed().as_secs_f64();
-        let segments = u64::from(found.rays) * self.surfels.len() as u64;
-        let verified = self.verify(&direct, Some((&found.links, &bounced)), budget(segments), 0)?;
         let mut ended = bounced.ended;
-        ended.converged &= wanted.is_some() || found.standard_error <= self.tolerance;
+        if verified.is_none() {
+            let (looked, seconds) = verify(&found, &bounced, None, 0)?;
+            verification = seconds;
+            (verified, model) = (Some(looked.0), looked.1);
+            let enough = found.standard_error <= self.tolerance;
+            ended.converged &= matches!(wanted, Wanted::Exactly(_)) || enough;
+        }
         Ok(Solved {
             direct: direct.irradiance,
             irradiance: bounced.irradiance,
             ended,
             checked: bounced.checked,
-            verification: verified.seconds,
-            verified: Some(verified),
+            verification,
+            verified,
+            model_error: model,
             links: counts(&found.links),
             rays: Some(Rays {
                 count: found.rays,
