@@ -110,8 +110,8 @@ impl Task<'_> {
             let clock = Instant::now();
             let claimed = found.as_ref().map(|bounced| (linked.links(), bounced));
             let model = best.as_ref().and_then(|last| last.model_error);
-            let segments = self.visibility.segments();
-            let (verified, model) = self.verify_round(&direct, claimed, segments, model, round)?;
+            let tested = budget(visibility.segments());
+            let (verified, model) = self.verify_round(&direct, claimed, tested, model, round)?;
             verification += clock.elapsed().as_secs_f64();
             self.progress.note(&format!(
                 "links within {:.1e}, lights within {:.1e}: {verified}",
@@ -185,17 +185,17 @@ impl Task<'_> {
         solve(&mut rough, &work)
     }
 
-    /// The error of a round that took so many segments, and that of the model, which the first round
-    /// finds out.
+    /// The error of a round, found by some segments, and that of the model, which the first round finds
+    /// out.
     pub(super) fn verify_round(
         &self,
         direct: &DirectLight,
         found: Option<(&Links, &Bounced)>,
-        segments: u64,
+        budget: u64,
         model: Option<f64>,
         round: u64,
     ) -> Result<(Verified, Option<f64>)> {
-        let mut verified = self.verify(direct, found, budget(segments), round)?;
+        let mut verified = self.verify(direct, found, budget, round)?;
         let model = match round {
             0 => {
                 let bounced = found.map(|(_, bounced)| bounced);
@@ -273,7 +273,7 @@ impl Task<'_> {
 }
 
 /// Segments that may be tested to verify what took so many.
-fn budget(segments: u64) -> u64 {
+pub(super) fn budget(segments: u64) -> u64 {
     ((VERIFICATION * segments as f64) as u64).max(LEAST_SEGMENTS)
 }
 

@@ -7,7 +7,6 @@ use std::time::Instant;
 use super::geometry::Geometry;
 use super::linked::Linked;
 use super::options::{check, check_scene, tolerance};
-use super::rays::{FIRST_RAYS, Wanted};
 use super::stats::{Seconds, Stats};
 use super::task::{Solved, Task};
 use super::work::Work;
@@ -239,7 +238,6 @@ impl Transport {
             },
             links: solved.links,
             rays: solved.rays.map(|rays| rays.count),
-            standard_error: solved.rays.map(|rays| rays.standard_error),
             segments: visibility.segments(),
             peak_memory_bytes: None,
             row_sum: solved.checked.map(|c| c.row_sum),
@@ -267,15 +265,7 @@ impl Transport {
         };
         match (self.method, &self.geometry.occluders) {
             (Method::Gather, Some(occluders)) => {
-                let plan = self.plan.as_ref();
-                let wanted = match (self.options.method, self.options.rays) {
-                    (_, Some(rays)) => Wanted::Exactly(rays),
-                    (Method::Auto, None) => {
-                        Wanted::Verified(plan.and_then(|plan| plan.rays).unwrap_or(FIRST_RAYS))
-                    }
-                    (_, None) => Wanted::Noise,
-                };
-                task.gather(occluders, wanted, repairs, &solve)
+                task.gather(occluders, self.options.rays, repairs, &solve)
             }
             (Method::Classic, _) => {
                 let test = Thresholds::default().point;

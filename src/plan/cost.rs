@@ -85,8 +85,9 @@ const EMITTED: f64 = 20.0;
 /// Light of surfaces that shine all over takes longer by these powers of 1 / tolerance and of the number
 /// of points, and by the square of their part of all.
 const BY_SHINING: [f64; 2] = [0.25, 0.3];
-/// Error of the reflected light that one ray leaves, in units of the contrast.
-const NOISE: f64 = 1.7;
+/// Error of the reflected light that one ray leaves, in units of the contrast, when what it brings is
+/// smoothed.
+const NOISE: f64 = 0.8;
 /// The noise of rays falls as this power of their number.
 const BY_RAYS: f64 = 0.75;
 /// What rays without number are off by in units of 1 / root of the number of points, where all is

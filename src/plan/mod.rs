@@ -38,7 +38,8 @@ pub struct Plan {
     pub order: Option<usize>,
     /// Surfels in a leaf of the octree, at most.
     pub leaf_size: usize,
-    /// Rays from each surfel to begin with, with the method `Gather`.
+    /// Rays from each surfel that are expected, with the method `Gather`: as many are cast as the measured
+    /// error asks for.
     pub rays: Option<u32>,
     /// Where the passes run: "cpu" or "gpu".
     pub backend: String,
@@ -227,8 +228,8 @@ impl Plan {
                     "rays",
                     &rays,
                     &format!(
-                        "the light of one ray deviates {:.1} times from that of all; twice as many where \
-                         the measured error asks for it",
+                        "or as many as the measured error asks for: the light of one deviates {:.1} times \
+                         from that of all",
                         job.sketch.contrast
                     ),
                 ),
