@@ -87,12 +87,13 @@ const EMITTED: f64 = 20.0;
 const BY_SHINING: [f64; 2] = [0.25, 0.3];
 /// Error of the reflected light that one ray leaves, in units of the contrast, when what it brings is
 /// smoothed.
-const NOISE: f64 = 0.8;
+const NOISE: f64 = 1.2;
 /// The noise of rays falls as this power of their number.
 const BY_RAYS: f64 = 0.75;
-/// What rays without number are off by in units of 1 / root of the number of points, where all is
-/// curved and hidden: 12% in the cave of 1,749 points, 5.7% of 8,779; too little to be seen in the others.
-const LIMIT: f64 = 23.0;
+/// What rays without number are off by, in units of 1 / root of the number of points, where all is
+/// curved and hidden (it grows with the cube of that): 12% in the cave of 1,749 points, 5.7% in that of
+/// 8,779; too little to be seen in the other scenes.
+const LIMIT: f64 = 48.0;
 /// Part of the tolerance that this may be.
 const LARGEST_LIMIT: f64 = 0.7;
 /// Fewest rays that are worth while.
@@ -120,7 +121,7 @@ impl Job {
             contrast,
             ..
         } = self.sketch;
-        let limit = LIMIT * curved * hidden * hidden / (self.surfels.max(1) as f64).sqrt();
+        let limit = LIMIT * curved * hidden.powi(3) / (self.surfels.max(1) as f64).sqrt();
         if contrast == 0.0 || limit > LARGEST_LIMIT * self.tolerance {
             return None;
         }
@@ -225,7 +226,8 @@ impl Job {
         let ratio = 0.03 / self.tolerance;
         let [above, below] = BY_TOLERANCE;
         let by_tolerance = ratio.powf(if ratio > 1.0 { below } else { above });
-        of_scene * by_tolerance
+        // More than all pairs there are not.
+        (of_scene * by_tolerance).min(0.5 * self.surfels as f64)
     }
 
     /// The most points, thinned out of these, for which a method takes no more than so much memory.

@@ -36,8 +36,8 @@ pub struct Sketch {
     /// Standard deviation of the light that a ray brings, relative to that which all bring: root mean
     /// squares over the points. 0 where nothing is reflected.
     pub contrast: f64,
-    /// Part of the points on curved or rough surface: whose normal is not that of the next one, though
-    /// there is no edge between them.
+    /// How much of the surface in sight is curved or rough, 0 to 1: where the normal of a point is not
+    /// that of the next one, though there is no edge between them.
     pub curved: f64,
     /// Part of the points that shine.
     pub shining: f64,
@@ -119,13 +119,16 @@ fn look(scene: &Scene, open: bool, seed: u64) -> Result<Sketch> {
 /// Cosines between normals of neighbours on a curved surface: not of one plane, nor across an edge.
 const CURVED: Range<f32> = 0.7..0.9995;
 
+/// A body of a sixth of all points is in the sight of most others.
+const IN_SIGHT: f64 = 6.0;
+
 fn curved(surfels: &Surfels) -> f64 {
     let cosines: Vec<f32> = (surfels.normals.windows(2))
         .map(|pair| pair[0].dot(pair[1]))
         .filter(|cosine| *cosine > CURVED.start)
         .collect();
     let curved = cosines.iter().filter(|cosine| CURVED.contains(*cosine));
-    curved.count() as f64 / cosines.len().max(1) as f64
+    (IN_SIGHT * curved.count() as f64 / cosines.len().max(1) as f64).min(1.0)
 }
 
 /// Every so many points, as if they were the whole cloud. Normals that are missing are found among
