@@ -2,7 +2,8 @@
 //! what stands in its way.
 //!
 //! [`illuminate()`] does the whole job: a [`Scene`] in, an [`IlluminationMap`] and [`Stats`] out. A
-//! [`Transport`] does it for one light after the other, and finds once what no light changes.
+//! [`Transport`] does it for one light after the other, and finds once what no light changes. A [`Plan`]
+//! says beforehand what will be done, why, and what it will take.
 //! It works on the CPU, or in WGSL on a [`wgpu::Device`] that the caller made: a renderer hands
 //! over its own.
 //!
