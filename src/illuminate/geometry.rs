@@ -10,7 +10,7 @@ use super::stats::Seconds;
 use crate::error::{Error, Result};
 use crate::map::IlluminationMap;
 use crate::octree::Octree;
-use crate::plan::Plan;
+use crate::plan::{ORDER, Plan};
 use crate::points::{self, PointCloud, Prepared, Surfels};
 use crate::progress::Progress;
 use crate::visibility::Occluders;
@@ -68,7 +68,7 @@ impl Geometry {
             places,
             fingerprint: cloud.fingerprint(),
             octree,
-            order: plan.order.unwrap_or(0),
+            order: plan.order.unwrap_or(ORDER),
             repairs: prepared.repairs,
         };
         let seconds = Seconds {

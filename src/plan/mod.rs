@@ -78,7 +78,7 @@ pub struct Stage {
 }
 
 /// Order of the expansions of links whose visibility is sampled: that is what limits their accuracy.
-const ORDER: usize = 1;
+pub(crate) const ORDER: usize = 1;
 /// Rays that a cost is told for where no number of them would do.
 const MANY_RAYS: u32 = 1024;
 /// Highest order on the CPU. In f32 rounding leaves nothing to gain beyond.

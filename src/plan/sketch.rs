@@ -83,10 +83,13 @@ fn look(scene: &Scene, open: bool, seed: u64) -> Result<Sketch> {
     let visibility = tester.as_ref();
     let hidden = hidden(&surfels, visibility, seed)?;
     let mut light = lights::point_lights(&surfels, &scene.lights, visibility, &Silent)?.irradiance;
-    let others = [
-        lights::emitters(&surfels, TOLERANCE, seed, visibility, &Silent)?,
-        lights::sky(&surfels, scene.sky, TOLERANCE, seed, visibility, &Silent)?,
-    ];
+    let mut others = vec![lights::emitters(
+        &surfels, TOLERANCE, seed, visibility, &Silent,
+    )?];
+    if scene.sky != Vec3::ZERO {
+        let sky = lights::sky(&surfels, scene.sky, TOLERANCE, seed, visibility, &Silent)?;
+        others.push(sky);
+    }
     for other in others {
         light.iter_mut().zip(other).for_each(|(h, more)| *h += more);
     }
