@@ -3,8 +3,8 @@
 //! the scenes.
 //!
 //! Each line comes from a process of its own, whose memory is its own; the exponent is that of the
-//! seconds of all its threads together. `memory::estimate` says
-//! beforehand how much that will be.
+//! seconds of all its threads together. The plan says beforehand how much that will be: the
+//! seconds of an idle machine, and the bytes beside the points.
 
 use std::process::Command;
 use std::time::Instant;
@@ -34,7 +34,7 @@ fn main() {
     for (name, tolerance) in SCENES.iter().filter(|(name, _)| !any || asked(name)) {
         println!("{name} to {tolerance}");
         println!(
-            "    points | prepare octree  links  tests  solve  total s (CPU) | segments, links a point | \
+            "    points | prepare octree  links  tests  solve  total s (CPU) expected | segments, links a point | \
              bytes a point, estimated"
         );
         let times: Vec<(f64, f64)> = sizes.iter().map(|&n| line(name, n, *tolerance)).collect();
@@ -79,15 +79,17 @@ fn one(name: &str, points: usize, tolerance: f64) {
     let (total, cpu) = (clock.elapsed().as_secs_f64(), cpu_seconds() - before);
     let (s, n) = (&stats.seconds, stats.surfels as f64);
     let bytes = memory::peak_bytes().map_or(f64::NAN, |b| b as f64 / n);
-    let estimated = memory::estimate(stats.surfels as u64, tolerance) as f64 / n;
+    let plan = stats.plan.unwrap();
+    let estimated = plan.bytes as f64 / n;
     println!(
-        "{n}\t{cpu}\t{n:10} | {:7.2} {:6.2} {:6.2} {:6.2} {:6.2} {total:6.2} ({cpu:.2}) | {:8.1} {:14.1} | \
+        "{n}\t{cpu}\t{n:10} | {:7.2} {:6.2} {:6.2} {:6.2} {:6.2} {total:6.2} ({cpu:.2}) {:8.2} | {:8.1} {:14.1} | \
          {bytes:8.0} {estimated:6.0}",
         s.prepare,
         s.octree,
         s.links,
         s.visibility,
         s.solve,
+        plan.seconds,
         stats.segments as f64 / n,
         stats.links.values().sum::<u64>() as f64 / n,
     );

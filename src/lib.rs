@@ -2,7 +2,8 @@
 //! what stands in its way.
 //!
 //! [`illuminate()`] does the whole job: a [`Scene`] in, an [`IlluminationMap`] and [`Stats`] out. A
-//! [`Transport`] does it for one light after the other, and finds once what no light changes.
+//! [`Transport`] does it for one light after the other, and finds once what no light changes. A [`Plan`]
+//! says beforehand what will be done, why, and what it will take.
 //! It works on the CPU, or in WGSL on a [`wgpu::Device`] that the caller made: a renderer hands
 //! over its own.
 //!
@@ -69,8 +70,9 @@
 //! each other; a point light of intensity I gives I cos / r², a uniform sky an open plane its value.
 //! A surfel shines and reflects to the side of its normal only, and blocks light from both sides.
 
-// The whole job.
+// The whole job, and what it will take.
 pub mod illuminate;
+pub mod plan;
 
 // Points from files.
 pub mod scan;
@@ -99,6 +101,7 @@ pub mod render;
 pub mod solve;
 
 // Used all along the way.
+pub mod cgroup;
 pub mod colour;
 pub mod error;
 pub mod math;
@@ -112,6 +115,7 @@ pub use illuminate::{
     Backend, Checkpoint, Illumination, Method, Occlusion, Options, Transport, illuminate,
 };
 pub use map::IlluminationMap;
+pub use plan::Plan;
 pub use points::{PointCloud, Surfels};
 pub use progress::Progress;
 pub use scene::Scene;

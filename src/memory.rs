@@ -1,7 +1,9 @@
 //! How much memory the process took, how much there is, and whether that is enough.
 
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::cgroup;
 use crate::error::{Error, Result};
 
 /// Largest resident size of this process so far, in bytes; `None` where the system does not tell.
@@ -30,9 +32,16 @@ pub fn peak_bytes() -> Option<u64> {
     None
 }
 
-/// Bytes of memory that can be taken without swapping, where the system tells (Linux), otherwise
-/// `None`.
+/// Bytes of memory that can be taken without swapping, and within the limits of a container, where the
+/// system tells (Linux), otherwise `None`.
 pub fn available() -> Option<u64> {
+    [free_of_all(), cgroup::left(Path::new("/"))]
+        .into_iter()
+        .flatten()
+        .min()
+}
+
+fn free_of_all() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
@@ -87,10 +96,6 @@ pub fn check_rays(surfels: usize, rays: u32, free: Option<u64>) -> Result<()> {
 
 /// Memory that a solve takes a point without its links.
 const BYTES_A_POINT: u64 = 1000;
-/// Memory of the links over the root of the number of points, at a tolerance of 0.025: twice as many
-/// points need fewer links each.
-const BYTES_OF_LINKS: f64 = 6e5;
-
 /// Memory that reading takes a point; measured are 55 bytes (LAZ, with colours) to 70 (E57).
 const BYTES_A_POINT_READ: u64 = 70;
 
@@ -109,16 +114,6 @@ pub fn check_reading(count: u64) -> Result<()> {
 
 /// Three of the 32 bits of an occluder's number hold the size of its leaf.
 const MOST_POINTS: u64 = (1 << 29) - 1;
-
-/// Bytes that a solve of so many points takes by links, known before anything is done for them: those of
-/// a cave, as `cargo bench --bench growth` prints them (measured with 17,539 and 101,833 points: 92 and
-/// 87% of this), and less in rooms. What the links really need is checked as they are found.
-pub fn estimate(points: u64, tolerance: f64) -> u64 {
-    let links = BYTES_OF_LINKS * (points as f64 * 0.025 / tolerance).sqrt();
-    points
-        .saturating_mul(BYTES_A_POINT)
-        .saturating_add(links as u64)
-}
 
 /// Refuses a number of points that cannot be lit in the memory that is free, before anything is
 /// allocated for them.

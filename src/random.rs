@@ -27,6 +27,8 @@ pub(crate) enum Purpose {
     Verify,
     /// Light of parts of a cloud, whose differences are the error of the model.
     Model,
+    /// Pairs of points that a plan looks at.
+    Sketch,
 }
 
 /// The stream of one item: a surfel, or a pair of facets in one number.

@@ -1,11 +1,13 @@
 //! The command line.
 
 mod adapters;
+mod asked;
 mod backend;
 mod compare;
 mod info;
 mod outputs;
 mod picture;
+mod plan;
 mod relight;
 mod solve;
 mod terminal;
@@ -35,6 +37,7 @@ enum Command {
     Solve(solve::Args),
     Relight(relight::Args),
     Visible(visible::Args),
+    Plan(plan::Args),
     Info(info::Args),
     Compare(compare::Args),
     Adapters(adapters::Args),
@@ -52,6 +55,7 @@ pub fn run() -> ExitCode {
         Command::Solve(args) => solve::run(&args),
         Command::Relight(args) => relight::run(&args),
         Command::Visible(args) => visible::run(&args),
+        Command::Plan(args) => plan::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Adapters(_) => adapters::run(),

@@ -22,8 +22,8 @@ pub fn run(args: &Args) -> Result<Done> {
         ));
     }
     solve::run_with(args, |scene| {
-        if !args.light.is_empty() {
-            scene.lights.clone_from(&args.light);
+        if !args.asked.light.is_empty() {
+            scene.lights.clone_from(&args.asked.light);
         }
     })
 }

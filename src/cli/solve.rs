@@ -1,23 +1,19 @@
 //! `fmmgi-gpu solve`
 
-use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use clap::ValueEnum;
-use fmmgi_gpu::illuminate::{RAYS, checks::Checks};
+use fmmgi_gpu::illuminate::checks::Checks;
 use fmmgi_gpu::output::{self, Format, write_atomic, write_stats};
-use fmmgi_gpu::points::{Facing, Thinning};
-use fmmgi_gpu::scene::{PointLight, SceneOptions};
 use fmmgi_gpu::{
-    Checkpoint, Error, Method, Occlusion, Options, Progress, Result, Scene, Stats, Transport,
-    memory, render,
+    Checkpoint, Error, Method, Progress, Result, Scene, Stats, Transport, memory, render,
 };
 use glam::{DVec3, Vec3};
 
+use super::asked::Asked;
 use super::terminal::{self, Terminal};
 use super::values::{self, Size};
-use super::{Done, backend, outputs, picture};
+use super::{Done, outputs, picture};
 
 /// Compute the light at every point of a scan or a scene.
 ///
@@ -25,9 +21,8 @@ use super::{Done, backend, outputs, picture};
 /// printed.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scans, and at most one scene file (.toml)
-    #[arg(required = true)]
-    inputs: Vec<PathBuf>,
+    #[command(flatten)]
+    pub asked: Asked,
     /// Write the points with their light: .ply, .laz, .las, .csv or .npy
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
@@ -46,64 +41,6 @@ pub struct Args {
     /// Leave what is found in a folder, stage by stage: the same command goes on there, if it was killed
     #[arg(long, value_name = "DIR")]
     checkpoint: Option<PathBuf>,
-    /// Points to make on the shapes of a scene file, and on a mesh
-    #[arg(long, value_name = "N")]
-    points: Option<NonZeroUsize>,
-    /// Take the faces of PLY files as the surface, and make points on them
-    #[arg(long)]
-    mesh: bool,
-    /// How the light is summed up
-    #[arg(long, value_enum, default_value = "auto")]
-    method: MethodArg,
-    /// Where the work is done
-    #[arg(long, value_enum, default_value = "auto")]
-    backend: backend::Choice,
-    /// GPU to use: its number in "adapters", or a part of its name
-    #[arg(long, value_name = "NAME|INDEX")]
-    adapter: Option<String>,
-    /// Relative error to aim at, 1e-6 to 0.5 [default: the scene's, or 0.03]
-    #[arg(long, value_name = "T", value_parser = values::tolerance, allow_hyphen_values = true)]
-    tolerance: Option<f64>,
-    /// Largest order of the expansions, up to 12, on a GPU to 6 [default: 1, without occlusion and
-    /// for classic 2 to 6 as the tolerance needs]
-    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(0..=12))]
-    order: Option<u8>,
-    /// Rays from each point with --method gather, rounded up to a power of two [default: as many as the
-    /// tolerance needs]
-    #[arg(long, value_name = "N", value_parser = rays())]
-    rays: Option<u32>,
-    /// What stands in the way of light
-    #[arg(long, value_enum, default_value = "surfels")]
-    visibility: VisibilityArg,
-    /// Bounces to follow; 0 is direct light alone [default: until nothing changes]
-    #[arg(long, value_name = "N")]
-    max_bounces: Option<u32>,
-    /// Refine even where the points themselves allow no such accuracy
-    #[arg(long)]
-    below_model: bool,
-    /// Threads to use [default: all]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
-    /// Seed of everything random
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    seed: u64,
-    /// Add a point light with a radiant intensity (1,1,1 if left out); can be given several times
-    #[arg(long, value_name = "point:X,Y,Z[:R,G,B]", value_parser = values::light)]
-    pub light: Vec<PointLight>,
-    /// Irradiance that an open plane gets from a uniform sky, instead of the scene's
-    #[arg(long, value_name = "R,G,B", value_parser = values::rgb, allow_hyphen_values = true)]
-    sky: Option<Vec3>,
-    /// To which side the normals point that a scan lacks: auto, inward (a room), outward (an object),
-    /// or viewpoint:X,Y,Z from where all was seen
-    #[arg(long, value_name = "SIDE", value_parser = values::facing, default_value = "auto")]
-    normals: Facing,
-    /// Thin out to this distance between points; those left out take the light of the others
-    #[arg(long, value_name = "S", value_parser = values::positive)]
-    spacing: Option<f64>,
-    /// Thin out evenly to no more than this many points; without it, and without --spacing, clouds of many
-    /// more points than the tolerance needs (a million at 0.03) are thinned out to as many
-    #[arg(long, value_name = "N")]
-    max_points: Option<NonZeroUsize>,
     /// Size of the picture in pixels
     #[arg(long, value_name = "WxH", value_parser = values::size, default_value = "1280x720")]
     size: Size,
@@ -115,90 +52,63 @@ pub struct Args {
     quiet: bool,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum MethodArg {
-    /// Exact sum over all pairs, for small clouds
-    Direct,
-    /// Fast multipole method
-    Fmm,
-    /// Multipole method with the visibility of Goradia's report, which tests all pairs of points
-    Classic,
-    /// Monte Carlo: rays from every point
-    Gather,
-    /// What is cheaper
-    Auto,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum VisibilityArg {
-    /// The points' pieces of surface
-    Surfels,
-    /// Nothing
-    None,
-}
-
 pub fn run(args: &Args) -> Result<Done> {
-    run_with(args, |scene| scene.lights.extend(&args.light))
+    run_with(args, |scene| scene.lights.extend(&args.asked.light))
 }
 
 /// The same, where `hang` says which point lights there are.
 pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     let began = Instant::now();
+    let asked = &args.asked;
     let results = [&args.output, &args.image, &args.stats];
     let files: Vec<&Path> = (results.into_iter().chain([&args.save_operator]))
         .filter_map(Option::as_deref)
         .collect();
-    outputs::check(&args.inputs, &files)?;
+    outputs::check(&asked.inputs, &files)?;
     args.output.as_deref().map(Format::of).transpose()?;
     if let Some(operator) = &args.operator {
         // A kept operator may be replaced by itself, refined.
         let results: Vec<&Path> = results.into_iter().filter_map(Option::as_deref).collect();
         outputs::spare(operator, &results)?;
     }
-    let options = args.options();
+    let mut options = asked.options();
     if args.save_operator.is_some() || args.operator.is_some() {
         options.check_keeping()?;
+        // What is kept are links, however few points there are.
+        options.method = Method::Fmm;
     }
     let checkpoint = args
         .checkpoint
         .as_deref()
         .map(Checkpoint::open)
         .transpose()?;
-    let mut chosen = backend::choose(args.backend, args.adapter.as_deref(), options.method)?;
-    if let Some(threads) = args.threads {
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.into())
-            .build_global()
-            .map_err(|e| Error::TooLarge(format!("{threads} threads: {e}")))?;
-    }
+    let mut chosen = asked.open(options.method)?;
     terminal::stop_on_ctrl_c();
     let progress = Terminal::new(args.quiet, args.verbose);
 
-    let options_of_scene = SceneOptions {
-        points: args.points.map(NonZeroUsize::get),
-        seed: args.seed,
-        mesh: args.mesh,
-    };
-    let mut scene = Scene::load_all(&args.inputs, &options_of_scene, &progress)?;
+    let mut scene = asked.load(&progress)?;
     for source in &scene.sources {
         outputs::spare(&source.path, &files)?;
     }
     hang(&mut scene);
-    scene.sky = args.sky.unwrap_or(scene.sky);
+    scene.sky = asked.sky.unwrap_or(scene.sky);
     let load = began.elapsed().as_secs_f64();
     let clock = Instant::now();
     let lamps: Vec<DVec3> = scene.lights.iter().map(|light| light.position).collect();
     scene
         .cloud
-        .estimate_normals(&args.normals, &lamps, &progress)
-        .map_err(|error| error.about(outputs::names(&args.inputs)))?;
+        .estimate_normals(&asked.normals, &lamps, &progress)
+        .map_err(|error| asked.about(error))?;
     let normals = clock.elapsed().as_secs_f64();
     warn_of_darkness(&scene, &progress);
-    let about = |error: Error| error.about(outputs::names(&args.inputs));
+    let about = |error: Error| asked.about(error);
     let (transport, mut result) = chosen.run(&progress, |backend| {
-        let mut transport = match &args.operator {
-            None => Transport::new(&scene, &options, backend, &progress).map_err(about)?,
-            Some(path) => Transport::load(path, &scene, &options, backend, &progress)?,
+        let mut transport = match (&args.operator, &args.save_operator) {
+            (Some(path), _) => Transport::load(path, &scene, &options, backend, &progress)?,
+            (None, Some(_)) => {
+                Transport::new(&scene, &options, backend, &progress).map_err(about)?
+            }
+            (None, None) => Transport::once(&scene, &options, backend, &progress).map_err(about)?,
         };
         let result = match &checkpoint {
             None => transport.illuminate(&scene, &progress),
@@ -249,43 +159,6 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     } else {
         Done::NotConverged
     })
-}
-
-/// As many as a surfel can cast.
-fn rays() -> clap::builder::RangedI64ValueParser<u32> {
-    let [least, most] = [RAYS.start(), RAYS.end()].map(|&n| i64::from(n));
-    clap::value_parser!(u32).range(least..=most)
-}
-
-impl Args {
-    fn options(&self) -> Options {
-        Options {
-            method: match self.method {
-                MethodArg::Direct => Method::Direct,
-                MethodArg::Fmm => Method::Fmm,
-                MethodArg::Classic => Method::Classic,
-                MethodArg::Gather => Method::Gather,
-                // What is kept are links, however few points there are.
-                MethodArg::Auto if self.save_operator.is_some() => Method::Fmm,
-                MethodArg::Auto => Method::Auto,
-            },
-            occlusion: match self.visibility {
-                VisibilityArg::Surfels => Occlusion::Surfels,
-                VisibilityArg::None => Occlusion::None,
-            },
-            tolerance: self.tolerance,
-            order: self.order.map(usize::from),
-            max_bounces: self.max_bounces,
-            below_model: self.below_model,
-            rays: self.rays,
-            seed: self.seed,
-            thinning: Thinning {
-                spacing: self.spacing,
-                max_points: self.max_points.map(NonZeroUsize::get),
-                ..Thinning::default()
-            },
-        }
-    }
 }
 
 /// A scan has no lights of its own, and a black result would puzzle.

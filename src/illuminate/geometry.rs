@@ -5,13 +5,13 @@ use std::time::Instant;
 
 use glam::DVec3;
 
-use super::Backend;
-use super::options::{Occlusion, Options, expansions};
+use super::options::{Occlusion, Options};
 use super::stats::Seconds;
 use crate::error::{Error, Result};
 use crate::map::IlluminationMap;
 use crate::octree::Octree;
-use crate::points::{self, PointCloud, Prepared, Surfels, Thinning};
+use crate::plan::{ORDER, Plan, thinning};
+use crate::points::{self, PointCloud, Prepared, Surfels};
 use crate::progress::Progress;
 use crate::visibility::Occluders;
 
@@ -36,22 +36,16 @@ impl Geometry {
     pub fn prepare(
         cloud: &PointCloud,
         options: &Options,
-        tolerance: f64,
-        backend: &Backend,
+        plan: &Plan,
         progress: &dyn Progress,
     ) -> Result<(Geometry, Seconds)> {
         let start = Instant::now();
-        // Without occlusion, a point more takes next to nothing.
-        let thinning = Thinning {
-            enough_for: (options.occlusion == Occlusion::Surfels).then_some(tolerance),
-            ..options.thinning
-        };
+        let thinning = thinning(options, plan.tolerance);
         let mut prepared = Surfels::prepare_fewer(cloud, &thinning, progress)?;
         let prepare = start.elapsed().as_secs_f64();
         progress.stage("octree", 1);
-        let (order, leaf_size) = expansions(options, tolerance, prepared.surfels.len(), backend)?;
         let build = |prepared: &Prepared| {
-            let (octree, surfels) = Octree::build(&prepared.surfels, leaf_size);
+            let (octree, surfels) = Octree::build(&prepared.surfels, plan.leaf_size);
             let occluders = match options.occlusion {
                 Occlusion::Surfels => Some(Occluders::build(&surfels)),
                 Occlusion::None => None,
@@ -75,7 +69,7 @@ impl Geometry {
             places,
             fingerprint: cloud.fingerprint(),
             octree,
-            order,
+            order: plan.order.unwrap_or(ORDER),
             repairs: prepared.repairs,
         };
         let seconds = Seconds {

@@ -25,6 +25,7 @@ use glam::DVec3;
 
 pub use self::checkpoint::Checkpoint;
 pub use self::options::{Backend, DEFAULT_TOLERANCE, Method, Occlusion, Options};
+pub(crate) use self::options::{check, tolerance};
 pub use self::quantiles::Interval;
 pub use self::rays::RAYS;
 use self::stats::Stats;
@@ -49,12 +50,17 @@ pub struct Illumination {
     pub stats: Stats,
 }
 
-/// Computes the illumination map of a scene.
+/// Computes the illumination map of a scene, as a [`Plan`](crate::Plan) of it says.
+///
+/// # Errors
+/// [`Error::TooLarge`](crate::Error::TooLarge) before the work starts where it would not fit into memory;
+/// [`Error::Usage`](crate::Error::Usage) for options that do not fit together;
+/// [`Error::Invalid`](crate::Error::Invalid) for a scene that cannot be lit.
 pub fn illuminate(
     scene: &Scene,
     options: &Options,
     backend: Backend,
     progress: &dyn Progress,
 ) -> Result<Illumination> {
-    Transport::new(scene, options, backend, progress)?.illuminate(scene, progress)
+    Transport::once(scene, options, backend, progress)?.illuminate(scene, progress)
 }

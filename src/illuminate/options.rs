@@ -5,9 +5,6 @@ use serde::Serialize;
 
 use super::RAYS;
 use crate::error::{Error, Result};
-use crate::links;
-use crate::octree::LEAF_SIZE;
-use crate::passes::gpu;
 use crate::points::Thinning;
 use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
 
@@ -24,7 +21,8 @@ pub enum Method {
     /// Rays from every surfel, whose hits are kept for all bounces. Surfels are as large as their
     /// cells: areas given in the file do not count. The rays are cast on the CPU on every backend.
     Gather,
-    /// `Direct` where that is cheaper, otherwise `Fmm`.
+    /// What is expected to be cheapest of `Direct`, `Gather` and `Fmm`, see [`Plan`](crate::Plan). The
+    /// tolerance is kept: rays that miss it are followed by links.
     #[default]
     Auto,
 }
@@ -97,50 +95,23 @@ pub enum Backend<'a> {
     },
 }
 
-/// Clouds up to this size are summed up directly when the method is left open: finding links
-/// would cost more segments than testing all pairs.
-const DIRECT_UP_TO: usize = 1000;
-
 /// Default of [`Options::tolerance`].
 pub const DEFAULT_TOLERANCE: f64 = 0.03;
 
-/// Order of the expansions of links whose visibility is sampled: that is what limits their accuracy.
-const ORDER: usize = 1;
-/// Highest order on the CPU. In f32 rounding leaves nothing to gain beyond.
-const MAX_ORDER: usize = 12;
+/// Refuses what cannot be done.
+pub(crate) fn check(scene: &Scene, options: &Options, backend: &Backend) -> Result<()> {
+    check_scene(scene, tolerance(scene, options))?;
+    check_options(options, backend)
+}
 
-/// Largest order of the expansions, and the size of the leaves for it.
-pub(super) fn expansions(
-    options: &Options,
-    tolerance: f64,
-    surfels: usize,
-    backend: &Backend,
-) -> Result<(usize, usize)> {
-    let open = options.occlusion == Occlusion::None;
-    let classic = options.method == Method::Classic;
-    let order = options.order.unwrap_or(match open || classic {
-        true => links::open::order(tolerance),
-        false => ORDER,
-    });
-    let (most, place) = match backend {
-        Backend::Cpu => (MAX_ORDER, "on the CPU"),
-        Backend::Gpu { .. } => (gpu::MAX_ORDER, "on a GPU"),
-    };
-    if order > most {
-        return Err(Error::Usage(format!(
-            "order {order}: expansions {place} have orders up to {most}"
-        )));
-    }
-    let leaf_size = match (open, classic) {
-        (true, _) => links::open::leaf_size(order, surfels),
-        (false, true) => links::CLASSIC_LEAF_SIZE,
-        (false, false) => LEAF_SIZE,
-    };
-    Ok((order, leaf_size))
+/// Relative error that is asked for.
+pub(crate) fn tolerance(scene: &Scene, options: &Options) -> f64 {
+    let wanted = options.tolerance.or(scene.tolerance);
+    wanted.unwrap_or(DEFAULT_TOLERANCE)
 }
 
 /// Refuses what the method cannot do, or would ignore.
-pub(super) fn check_options(options: &Options, backend: &Backend) -> Result<()> {
+fn check_options(options: &Options, backend: &Backend) -> Result<()> {
     let usage = |what: String| Err(Error::Usage(what));
     let method = options.method;
     if method == Method::Gather && options.occlusion == Occlusion::None {
@@ -172,16 +143,6 @@ pub(super) fn check_options(options: &Options, backend: &Backend) -> Result<()> 
                 .into(),
         ),
         _ => Ok(()),
-    }
-}
-
-/// The method that is taken. Who asks for an order wants expansions.
-pub(super) fn choose(options: &Options, backend: &Backend, surfels: usize) -> Method {
-    let few = surfels <= DIRECT_UP_TO && options.order.is_none();
-    match (options.method, backend) {
-        (Method::Auto, Backend::Cpu) if few => Method::Direct,
-        (Method::Auto, _) => Method::Fmm,
-        (chosen, _) => chosen,
     }
 }
 

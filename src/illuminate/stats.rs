@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::Method;
 use super::checks::Checks;
 use super::verify::Verified;
+use crate::plan::Plan;
 
 /// Seconds spent, by stage.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -86,6 +87,8 @@ pub struct Stats {
     pub model_error: Option<f64>,
     /// What was repaired or left out, in words with counts.
     pub repairs: Vec<String>,
+    /// What was decided and expected beforehand; `None` with an operator from a file.
+    pub plan: Option<Plan>,
 }
 
 impl Stats {

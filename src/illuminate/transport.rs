@@ -7,7 +7,7 @@ use std::time::Instant;
 use super::checkpoint::{Checkpoint, Stages, fingerprint};
 use super::geometry::Geometry;
 use super::linked::Linked;
-use super::options::{DEFAULT_TOLERANCE, check_options, check_scene, choose};
+use super::options::{check, check_scene, tolerance};
 use super::stats::{Seconds, Stats};
 use super::task::{Solved, Task};
 use super::work::Work;
@@ -16,6 +16,7 @@ use crate::error::{Error, Result};
 use crate::links::{Kept, Links, Thresholds};
 use crate::operator::{Fmm, GpuFmm, trial};
 use crate::passes::gpu::{Gpu, GpuPointVisibility, GpuVisibility};
+use crate::plan::{Plan, expanded};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::visibility::{
@@ -47,6 +48,8 @@ use crate::visibility::{
 pub struct Transport {
     options: Options,
     method: Method,
+    /// What the method follows from; there is none for an operator from a file.
+    plan: Option<Plan>,
     geometry: Geometry,
     linked: Linked,
     device: Option<Device>,
@@ -69,14 +72,48 @@ impl Transport {
         backend: Backend,
         progress: &dyn Progress,
     ) -> Result<Transport> {
-        let tolerance = tolerance(scene, options);
-        check_scene(scene, tolerance)?;
-        check_options(options, &backend)?;
-        let (geometry, prepared) =
-            Geometry::prepare(&scene.cloud, options, tolerance, &backend, progress)?;
+        let plan = Plan::for_many(scene, options, &backend)?;
+        Transport::planned(scene, options, backend, plan, progress)
+    }
+
+    /// The same for a single light, for which rays may do.
+    ///
+    /// # Errors
+    /// Those of [`new`](Transport::new).
+    pub fn once(
+        scene: &Scene,
+        options: &Options,
+        backend: Backend,
+        progress: &dyn Progress,
+    ) -> Result<Transport> {
+        let plan = Plan::new(scene, options, &backend)?;
+        Transport::planned(scene, options, backend, plan, progress)
+    }
+
+    /// The same as a plan says, whose method, order and size of the leaves may be others than ours.
+    ///
+    /// # Errors
+    /// Those of [`new`](Transport::new).
+    pub fn planned(
+        scene: &Scene,
+        options: &Options,
+        backend: Backend,
+        plan: Plan,
+        progress: &dyn Progress,
+    ) -> Result<Transport> {
+        check(scene, options, &backend)?;
+        plan.check()?;
+        if let Some(choice) = plan.choices.first() {
+            progress.note(&format!("method: {}, {}", choice.taken, choice.why));
+        }
+        let (geometry, prepared) = Geometry::prepare(&scene.cloud, options, &plan, progress)?;
         let kept = Kept::none(&geometry.octree, &geometry.surfels);
-        let method = choose(options, &backend, geometry.surfels.len());
-        Transport::of(geometry, kept, method, options, backend, prepared)
+        let method = plan.method;
+        let transport = Transport::of(geometry, kept, method, options, backend, prepared)?;
+        Ok(Transport {
+            plan: Some(plan),
+            ..transport
+        })
     }
 
     /// Writes surfels, octree and links to a file, from which they can be [loaded](Transport::load)
@@ -105,8 +142,7 @@ impl Transport {
         backend: Backend,
         progress: &dyn Progress,
     ) -> Result<Transport> {
-        check_scene(scene, tolerance(scene, options))?;
-        check_options(options, &backend)?;
+        check(scene, options, &backend)?;
         options.check_keeping()?;
         progress.stage("operator", 1);
         let start = Instant::now();
@@ -138,6 +174,7 @@ impl Transport {
         Ok(Transport {
             options: options.clone(),
             method,
+            plan: None,
             linked: Linked::new(kept, gpu),
             geometry,
             device,
@@ -203,30 +240,35 @@ impl Transport {
             progress,
         };
         let mut repairs = geometry.repairs.clone();
-        let solved = match self.method {
-            Method::Fmm => task.fmm(&mut self.linked, &mut repairs)?,
-            _ => {
+        let (mut method, mut solved) = match self.method {
+            Method::Fmm => (Method::Fmm, task.fmm(&mut self.linked, &mut repairs)?),
+            method => {
                 let (solved, mended) = stages.next(|| {
                     let mut mended = Vec::new();
                     Ok((self.afresh(&task, &mut mended)?, mended))
                 })?;
                 repairs.extend(mended);
-                solved
+                (method, solved)
             }
         };
+        let missed = solved.verified.is_some_and(|error| !error.met);
+        if missed && method == Method::Gather && self.options.method == Method::Auto {
+            progress.note("the rays miss the tolerance: links instead");
+            repairs.clone_from(&geometry.repairs);
+            (method, solved) = (Method::Fmm, task.fmm(&mut self.linked, &mut repairs)?);
+        }
         let tests = visibility.seconds() + solved.tests + solved.rays.map_or(0.0, |r| r.seconds);
         let checks = solved.checked.map_or(0.0, |c| c.seconds);
         let rest = start.elapsed().as_secs_f64() - tests - solved.seconds - solved.verification;
-        let expanded = matches!(self.method, Method::Fmm | Method::Classic);
         let adapter = self.device.as_ref().map(|d| d.adapter.clone());
         let stats = Stats {
             points: scene.cloud.len(),
             surfels: geometry.surfels.len(),
-            method: self.method,
+            method,
             backend: if adapter.is_some() { "gpu" } else { "cpu" }.into(),
             adapter,
             tolerance,
-            order: expanded.then_some(geometry.order),
+            order: expanded(method).then_some(geometry.order),
             iterations: solved.ended.iterations,
             residual: solved.ended.residual,
             converged: solved.ended.converged,
@@ -247,6 +289,7 @@ impl Transport {
             error: solved.verified,
             model_error: solved.model_error,
             repairs,
+            plan: self.plan.clone(),
         };
         Ok(Illumination {
             map: geometry.map(&scene.cloud, &solved.irradiance, progress)?,
@@ -329,11 +372,6 @@ impl Device {
             adapter: adapter.to_owned(),
         }))
     }
-}
-
-fn tolerance(scene: &Scene, options: &Options) -> f64 {
-    let wanted = options.tolerance.or(scene.tolerance);
-    wanted.unwrap_or(DEFAULT_TOLERANCE)
 }
 
 /// What tests segments: f64 for the reference, f32 or the device for the product.

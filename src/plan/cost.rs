@@ -1,0 +1,252 @@
+//! What the work costs: seconds and bytes of its stages, from what is known beforehand.
+//!
+//! All constants are measured; `cargo bench --bench choices` holds them against what comes out.
+
+use super::{Sketch, Stage};
+use crate::illuminate::{Method, RAYS};
+use crate::links::open;
+
+/// What the cost follows from.
+#[derive(Clone)]
+pub(super) struct Job {
+    pub points: usize,
+    pub surfels: usize,
+    /// Whether normals have to be found first.
+    pub normals: bool,
+    pub tolerance: f64,
+    pub open: bool,
+    pub lamps: usize,
+    pub threads: usize,
+    pub sketch: Sketch,
+}
+
+/// The stages with what they take.
+pub(super) struct Cost {
+    pub stages: Vec<Stage>,
+}
+
+/// Seconds of one core of an AMD EPYC, of which two were used. Where there are two values, the first is
+/// for flat surfaces, the second for curved ones that are hidden from each other entirely.
+mod seconds {
+    /// A point whose normal is found.
+    pub const NORMAL: f64 = 1e-5;
+    /// A point that is prepared: neighbours, cell, noise.
+    pub const PREPARE: f64 = 1.2e-5;
+    /// A point in the octree and among what is in the way.
+    pub const OCTREE: f64 = 3e-6;
+    /// A segment, with the links that it is tested for.
+    pub const SEGMENT: [f64; 2] = [3.3e-7, 1.2e-6];
+    /// A point's links where no segment is tested, an order of the expansions.
+    pub const OPEN: f64 = 1e-5;
+    /// A point's light from 10,000 that all shine, at a tolerance of 0.03.
+    pub const SHINING: f64 = 2.5e-4;
+    /// A ray and its part in the solution.
+    pub const RAY: [f64; 2] = [3.7e-7, 1.5e-6];
+    /// A pair of exact sums.
+    pub const PAIR: [f64; 2] = [6.5e-8, 2e-7];
+    /// A verification at least, and a point of the parts that tell the error of the model.
+    pub const VERIFIED: f64 = 0.08;
+    pub const MODEL: f64 = 1.5e-5;
+}
+
+/// Bytes.
+mod bytes {
+    /// What the process has in any case.
+    pub const LEAST: f64 = 10e6;
+    /// A point while its cell is made, then the surfel.
+    pub const PREPARE: f64 = 900.0;
+    /// A point in the octree and among what is in the way.
+    pub const OCTREE: f64 = 240.0;
+    /// A segment that links took, on average: most make none.
+    pub const SEGMENT: f64 = 5.0;
+    /// A point's links where no segment is tested.
+    pub const OPEN: f64 = 500.0;
+    /// A point's light where all shine.
+    pub const SHINING: f64 = 22e3;
+    /// A ray: most meet a point that others meet too.
+    pub const RAY: f64 = 17.0;
+    /// A pair of exact sums.
+    pub const PAIR: f64 = 4.0;
+    /// A point of the parts that tell the error of the model.
+    pub const MODEL: f64 = 1200.0;
+}
+
+/// Segments a point of 10,000 that links take at a tolerance of 0.03 and a contrast of 1: of flat
+/// surfaces, of curved ones, and what of those grows with the square of what is hidden.
+const SEGMENTS: [f64; 3] = [178.0, 120.0, 5000.0];
+/// They grow as this power of the contrast,
+const BY_CONTRAST: f64 = 0.6;
+/// and fall as these powers of the number of points, of flat and of curved surfaces.
+const BY_POINTS: [f64; 2] = [0.8, 0.3];
+/// They grow as this power of 1 / tolerance, down to 0.03 and below, where more rounds are needed.
+const BY_TOLERANCE: [f64; 2] = [1.05, 1.7];
+/// Segments a point for light from surfels that shine.
+const EMITTED: f64 = 20.0;
+/// Light of surfaces that shine all over takes longer by these powers of 1 / tolerance and of the number
+/// of points, and by the square of their part of all.
+const BY_SHINING: [f64; 2] = [0.25, 0.3];
+/// Error of the reflected light that one ray leaves, in units of the contrast, when what it brings is
+/// smoothed: 64 rays do in a cave of 105,000 points at 0.025.
+const NOISE: f64 = 0.4;
+/// The noise of rays falls as this power of their number.
+const BY_RAYS: f64 = 0.75;
+/// What rays without number are off by, in units of 1 / root of the number of points, where all is
+/// curved and hidden (it grows with the cube of that): 12% in the cave of 1,749 points, 5.7% in that of
+/// 8,779; too little to be seen in the other scenes.
+const LIMIT: f64 = 48.0;
+/// Part of the tolerance that this may be.
+const LARGEST_LIMIT: f64 = 0.7;
+/// Fewest rays that are worth while.
+const LEAST_RAYS: f64 = 16.0;
+/// Points of the parts that tell the error of the model, at most.
+const MODEL: f64 = 10_000.0;
+
+impl Cost {
+    pub fn seconds(&self) -> f64 {
+        self.stages.iter().map(|stage| stage.seconds).sum()
+    }
+
+    pub fn bytes(&self) -> u64 {
+        self.stages.iter().map(|stage| stage.bytes).sum()
+    }
+}
+
+impl Job {
+    /// Rays from each surfel that bring the error within the tolerance; `None` where none do: rays see
+    /// cells, which stand out from hollows and bumps as points do not.
+    pub fn rays(&self) -> Option<u32> {
+        let Sketch {
+            hidden,
+            curved,
+            contrast,
+            ..
+        } = self.sketch;
+        let limit = LIMIT * curved * hidden.powi(3) / (self.surfels.max(1) as f64).sqrt();
+        if contrast == 0.0 || limit > LARGEST_LIMIT * self.tolerance {
+            return None;
+        }
+        let noise = (self.tolerance * self.tolerance - limit * limit).sqrt();
+        let rays = (NOISE * contrast / noise).powf(1.0 / BY_RAYS);
+        let rays = rays.max(LEAST_RAYS).log2().round().exp2();
+        (rays <= f64::from(*RAYS.end())).then_some(rays as u32)
+    }
+
+    /// What a method takes.
+    pub fn cost(&self, method: Method, rays: u32) -> Cost {
+        let (points, n) = (self.points as f64, self.surfels as f64);
+        let hollow = self.sketch.curved * self.sketch.hidden;
+        let between = |[flat, all]: [f64; 2]| flat + (all - flat) * hollow;
+        let lights = n * self.lights();
+        let shining = n * self.sketch.shining.powi(2);
+        let clusters = (0.03 / self.tolerance).powf(BY_SHINING[0]) * (n / 1e4).powf(BY_SHINING[1]);
+        let segment = between(seconds::SEGMENT);
+        let reflects = self.sketch.contrast > 0.0;
+        let pair = between(seconds::PAIR);
+        let (work, held) = match method {
+            Method::Direct => (n * n * pair, n * n * bytes::PAIR),
+            Method::Classic => (2.0 * n * n * pair, n * n * bytes::PAIR),
+            Method::Gather => {
+                let rays = n * f64::from(rays);
+                (rays * between(seconds::RAY), rays * bytes::RAY)
+            }
+            Method::Fmm | Method::Auto if !reflects => (0.0, 0.0),
+            Method::Fmm | Method::Auto if self.open => {
+                let order = open::order(self.tolerance) as f64;
+                (n * (1.0 + order) * seconds::OPEN, n * bytes::OPEN)
+            }
+            Method::Fmm | Method::Auto => {
+                let segments = n * self.segments();
+                (segments * segment, segments * bytes::SEGMENT)
+            }
+        };
+        let model = match method {
+            Method::Fmm | Method::Gather => n.min(MODEL),
+            _ => 0.0,
+        };
+        let verified = match method {
+            Method::Fmm | Method::Gather => seconds::VERIFIED + model * seconds::MODEL,
+            _ => 0.0,
+        };
+        let stage = |name, seconds: f64, bytes: f64| Stage {
+            name,
+            seconds: seconds / self.threads as f64,
+            bytes: bytes as u64,
+        };
+        let mut stages = vec![
+            stage(
+                "prepare",
+                points * seconds::PREPARE,
+                bytes::LEAST + points * bytes::PREPARE,
+            ),
+            stage("octree", n * seconds::OCTREE, n * bytes::OCTREE),
+            stage(
+                "lights",
+                lights * segment + shining * clusters * seconds::SHINING,
+                shining * bytes::SHINING,
+            ),
+            stage("links", work, held),
+            stage("verification", verified, model * bytes::MODEL),
+        ];
+        if self.normals {
+            stages.insert(0, stage("normals", points * seconds::NORMAL, 0.0));
+        }
+        Cost { stages }
+    }
+
+    /// Segments a point that its lights take.
+    fn lights(&self) -> f64 {
+        let strata = self.tolerance.powf(-2.0 / 3.0).clamp(4.0, 64.0);
+        let sky = if self.sketch.sky {
+            strata * strata
+        } else {
+            0.0
+        };
+        let emitted = if self.sketch.shining > 0.0 {
+            EMITTED
+        } else {
+            0.0
+        };
+        self.lamps as f64 + sky + emitted
+    }
+
+    /// Segments a point that links take.
+    fn segments(&self) -> f64 {
+        let Sketch {
+            hidden,
+            curved,
+            contrast,
+            ..
+        } = self.sketch;
+        let points = self.surfels as f64 / 1e4;
+        let [flat, bent, of_hidden] = SEGMENTS;
+        let bent = bent + of_hidden * hidden * hidden;
+        let of_scene = (flat * points.powf(-BY_POINTS[0])).powf(1.0 - curved)
+            * (bent * points.powf(-BY_POINTS[1])).powf(curved)
+            * contrast.powf(BY_CONTRAST);
+        let ratio = 0.03 / self.tolerance;
+        let [above, below] = BY_TOLERANCE;
+        let by_tolerance = ratio.powf(if ratio > 1.0 { below } else { above });
+        // More than all pairs there are not.
+        (of_scene * by_tolerance).min(0.5 * self.surfels as f64)
+    }
+
+    /// The most points, thinned out of these, for which a method takes no more than so much memory.
+    pub fn most_points(&self, method: Method, rays: u32, free: u64) -> usize {
+        let fits = |surfels: usize| {
+            let job = Job {
+                surfels,
+                ..self.clone()
+            };
+            job.cost(method, rays).bytes() <= free
+        };
+        let (mut fit, mut too_many) = (0, self.surfels);
+        while too_many - fit > 1 {
+            let middle = fit.midpoint(too_many);
+            match fits(middle) {
+                true => fit = middle,
+                false => too_many = middle,
+            }
+        }
+        fit
+    }
+}

@@ -1,0 +1,424 @@
+//! What a solve will do, why, and what it will take: decided before the work starts.
+//!
+//! [`illuminate()`](crate::illuminate()) follows a plan, and returns it in its
+//! [`Stats`](crate::Stats); `fmmgi-gpu plan` prints it. It is made from the number of points, a look at
+//! a thousand of them, and costs measured once (see `cost`).
+
+mod cost;
+mod sketch;
+
+use std::collections::HashSet;
+use std::fmt;
+
+use serde::Serialize;
+
+use self::cost::{Cost, Job};
+pub use self::sketch::Sketch;
+use crate::error::{Error, Result};
+use crate::illuminate::{Backend, Method, Occlusion, Options, check, tolerance};
+use crate::links;
+use crate::memory;
+use crate::octree::LEAF_SIZE;
+use crate::passes::gpu;
+use crate::points::Thinning;
+use crate::scene::Scene;
+
+/// What will be done, why, and what it will take.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Plan {
+    /// Points of the cloud.
+    pub points: usize,
+    /// Points that are expected to take part in the transport, at most.
+    pub surfels: usize,
+    /// How the operator is applied, never `Auto`.
+    pub method: Method,
+    /// Relative error that is asked for.
+    pub tolerance: f64,
+    /// Largest order of the expansions, with the methods that have some.
+    pub order: Option<usize>,
+    /// Surfels in a leaf of the octree, at most.
+    pub leaf_size: usize,
+    /// Rays from each surfel that are expected, with the method `Gather`: as many are cast as the measured
+    /// error asks for.
+    pub rays: Option<u32>,
+    /// Where the passes run: "cpu" or "gpu".
+    pub backend: String,
+    pub threads: usize,
+    /// What was decided, each with its reason.
+    pub choices: Vec<Choice>,
+    /// What each stage takes, as they follow each other.
+    pub stages: Vec<Stage>,
+    /// Seconds that they take together.
+    pub seconds: f64,
+    /// Most memory that they hold at one time, beside the points.
+    pub bytes: u64,
+    /// Memory that is free, where the system tells.
+    pub free_bytes: Option<u64>,
+    /// Points that would fit into it, if these do not.
+    pub points_that_fit: Option<usize>,
+}
+
+/// A decision.
+#[derive(Clone, Debug, Serialize)]
+pub struct Choice {
+    /// What was to be decided.
+    pub what: &'static str,
+    pub taken: String,
+    pub why: String,
+}
+
+/// A part of the work.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Stage {
+    /// As in [`Seconds`](crate::illuminate::stats::Seconds), where links hold their tests too.
+    pub name: &'static str,
+    pub seconds: f64,
+    /// What it adds to the memory that is held.
+    pub bytes: u64,
+}
+
+/// Order of the expansions of links whose visibility is sampled: that is what limits their accuracy.
+pub(crate) const ORDER: usize = 1;
+/// Rays that a cost is told for where no number of them would do.
+const MANY_RAYS: u32 = 1024;
+/// Highest order on the CPU. In f32 rounding leaves nothing to gain beyond.
+const MAX_ORDER: usize = 12;
+
+impl Plan {
+    /// Plans [`illuminate()`](crate::illuminate()): one light for a cloud, whose normals must be there.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for options that do not fit together, [`Error::Invalid`] for numbers that no
+    /// light can have.
+    pub fn new(scene: &Scene, options: &Options, backend: &Backend) -> Result<Plan> {
+        Plan::within(scene, options, backend, memory::available())
+    }
+
+    /// The same where so many bytes of memory are free; `None` if that is not known.
+    ///
+    /// # Errors
+    /// Those of [`new`](Plan::new).
+    pub fn within(
+        scene: &Scene,
+        options: &Options,
+        backend: &Backend,
+        free: Option<u64>,
+    ) -> Result<Plan> {
+        Plan::make(scene, options, backend, free, false)
+    }
+
+    /// Plans a [`Transport`](crate::Transport) that serves many lights: rays would be cast for each.
+    ///
+    /// # Errors
+    /// Those of [`new`](Plan::new).
+    pub fn for_many(scene: &Scene, options: &Options, backend: &Backend) -> Result<Plan> {
+        Plan::make(scene, options, backend, memory::available(), true)
+    }
+
+    fn make(
+        scene: &Scene,
+        options: &Options,
+        backend: &Backend,
+        free: Option<u64>,
+        many: bool,
+    ) -> Result<Plan> {
+        check(scene, options, backend)?;
+        let tolerance = tolerance(scene, options);
+        let surfels = surfels(scene, &thinning(options, tolerance));
+        let open = options.occlusion == Occlusion::None;
+        let job = Job {
+            points: scene.cloud.len(),
+            surfels,
+            normals: scene.cloud.normals.len() < scene.cloud.len(),
+            tolerance,
+            open,
+            lamps: scene.lights.len(),
+            threads: rayon::current_num_threads(),
+            sketch: Sketch::of(scene, open, options.seed),
+        };
+        let (method, why) = choose(scene, options, backend, &job, free, many);
+        let (order, leaf_size) = expansions(options, method, tolerance, surfels, backend)?;
+        let rays = options
+            .rays
+            .map(u32::next_power_of_two)
+            .or_else(|| job.rays())
+            .unwrap_or(MANY_RAYS);
+        let cost = job.cost(method, rays);
+        let plan = Plan {
+            points: job.points,
+            surfels,
+            method,
+            tolerance,
+            order: expanded(method).then_some(order),
+            leaf_size,
+            rays: (method == Method::Gather).then_some(rays),
+            backend: match backend {
+                Backend::Cpu => "cpu".into(),
+                Backend::Gpu { .. } => "gpu".into(),
+            },
+            threads: job.threads,
+            choices: Vec::new(),
+            seconds: cost.seconds(),
+            bytes: cost.bytes(),
+            points_that_fit: free
+                .filter(|&free| cost.bytes() > free)
+                .map(|free| job.most_points(method, rays, free)),
+            stages: cost.stages,
+            free_bytes: free,
+        };
+        Ok(Plan {
+            choices: plan.explained(options, &job, why),
+            ..plan
+        })
+    }
+
+    /// Fails with [`Error::TooLarge`] where the work would not fit into the memory that is free.
+    pub fn check(&self) -> Result<()> {
+        let (Some(free), Some(fit)) = (self.free_bytes, self.points_that_fit) else {
+            return Ok(());
+        };
+        let way_out = match fit {
+            0 => "preparing so many points alone does not fit".to_owned(),
+            fit => format!("take fewer points (--max-points {fit} fits) or a larger tolerance"),
+        };
+        Err(Error::TooLarge(format!(
+            "{} points to a tolerance of {} need about {} of memory, but only {} are free: {way_out}",
+            self.surfels,
+            self.tolerance,
+            mebibytes(self.bytes),
+            mebibytes(free)
+        )))
+    }
+
+    /// The decisions in words.
+    fn explained(&self, options: &Options, job: &Job, why: String) -> Vec<Choice> {
+        let choice = |what, taken: &dyn fmt::Display, why: &str| Choice {
+            what,
+            taken: taken.to_string(),
+            why: why.to_owned(),
+        };
+        let mut choices = vec![Choice {
+            what: "method",
+            taken: format!("{:?}", self.method).to_lowercase(),
+            why,
+        }];
+        if let Some(order) = self.order {
+            choices.push(choice(
+                "order",
+                &order,
+                match (options.order, job.open || self.method == Method::Classic) {
+                    (Some(_), _) => "asked for",
+                    (None, true) => "what the tolerance needs",
+                    (None, false) => "tested visibility limits the accuracy, not the expansion",
+                },
+            ));
+            choices.push(choice(
+                "leaf size",
+                &self.leaf_size,
+                match job.open {
+                    true => "expansions of this order cost as much as so many surfels",
+                    false => "larger leaves would have shadows within",
+                },
+            ));
+        }
+        if let Some(rays) = self.rays {
+            choices.push(match options.rays {
+                Some(_) => choice("rays", &rays, "asked for"),
+                None => choice(
+                    "rays",
+                    &rays,
+                    &format!(
+                        "or as many as the measured error asks for: the light of one deviates {:.1} times \
+                         from that of all",
+                        job.sketch.contrast
+                    ),
+                ),
+            });
+        }
+        choices.push(match job.open {
+            true => choice("visibility", &"none", "asked for"),
+            false => choice(
+                "visibility",
+                &"surfels",
+                &format!(
+                    "{:.0}% of the lines between points that face each other are blocked",
+                    100.0 * job.sketch.hidden
+                ),
+            ),
+        });
+        choices.push(match options.max_bounces {
+            Some(bounces) => choice("bounces", &bounces, "asked for"),
+            None if job.sketch.contrast == 0.0 => choice("bounces", &0, "no light is reflected"),
+            None => choice(
+                "bounces",
+                &"all",
+                "until what is left is small against the tolerance",
+            ),
+        });
+        choices
+    }
+}
+
+impl fmt::Display for Plan {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        writeln!(
+            f,
+            "points      {}, of which {} are expected to take part in the transport",
+            self.points, self.surfels
+        )?;
+        writeln!(f, "tolerance   {}", self.tolerance)?;
+        for choice in &self.choices {
+            writeln!(f, "{:<11} {}: {}", choice.what, choice.taken, choice.why)?;
+        }
+        writeln!(f, "backend     {}, {} threads", self.backend, self.threads)?;
+        let stages: Vec<String> = (self.stages.iter())
+            .map(|stage| format!("{} {:.2}", stage.name, stage.seconds))
+            .collect();
+        writeln!(
+            f,
+            "time        about {:.2} s ({})",
+            self.seconds,
+            stages.join(", ")
+        )?;
+        let free = self.free_bytes.map_or(String::new(), |free| {
+            format!(", of {} that are free", mebibytes(free))
+        });
+        write!(
+            f,
+            "memory      about {} beside the points{free}",
+            mebibytes(self.bytes)
+        )
+    }
+}
+
+fn mebibytes(bytes: u64) -> String {
+    format!("{} MiB", bytes.div_ceil(1 << 20))
+}
+
+/// Whether a method has expansions.
+pub(crate) fn expanded(method: Method) -> bool {
+    matches!(method, Method::Fmm | Method::Classic)
+}
+
+/// Part of the cells of a grid on a surface that thinning to its spacing leaves a point in: measured are
+/// 0.54 to 0.62 in cornell and organic.
+const LEFT: f64 = 0.58;
+
+/// Fewer points to do the work with: where nothing is told, as many as are enough. Without occlusion, a
+/// point more takes next to nothing.
+pub(crate) fn thinning(options: &Options, tolerance: f64) -> Thinning {
+    Thinning {
+        enough_for: (options.occlusion == Occlusion::Surfels).then_some(tolerance),
+        ..options.thinning
+    }
+}
+
+/// Points that are expected to take part in the transport.
+fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
+    let positions = &scene.cloud.positions;
+    let most = thinning.most(positions.len());
+    let most = most.unwrap_or(usize::MAX).min(positions.len());
+    match thinning.spacing {
+        None => most,
+        Some(spacing) => {
+            let cells: HashSet<_> = (positions.iter())
+                .map(|p| (*p / spacing).floor().as_i64vec3())
+                .collect();
+            most.min((LEFT * cells.len() as f64).ceil() as usize)
+        }
+    }
+}
+
+/// Rays leave noise in the picture, and may have to be followed by links: they count so many times.
+const NOISY: f64 = 1.2;
+
+/// The method that is taken, and why. Who asks for an order wants expansions.
+fn choose(
+    scene: &Scene,
+    options: &Options,
+    backend: &Backend,
+    job: &Job,
+    free: Option<u64>,
+    many: bool,
+) -> (Method, String) {
+    if options.method != Method::Auto {
+        return (options.method, "asked for".into());
+    }
+    if options.order.is_some() {
+        return (Method::Fmm, "an order belongs to expansions".into());
+    }
+    if matches!(backend, Backend::Gpu { .. }) {
+        let why = "on a device; the other methods work on the CPU";
+        return (Method::Fmm, why.into());
+    }
+    let mut candidates = vec![(Method::Direct, 0), (Method::Fmm, 0)];
+    // Rays meet cells, whatever areas the file has.
+    let bounces = options.max_bounces != Some(0);
+    if let Some(rays) = job.rays()
+        && !many
+        && !job.open
+        && bounces
+        && scene.cloud.areas.is_empty()
+    {
+        candidates.push((Method::Gather, rays));
+    }
+    let mut costs: Vec<(Method, Cost)> = (candidates.into_iter())
+        .map(|(method, rays)| (method, job.cost(method, rays)))
+        .collect();
+    // What does not fit comes last.
+    let order = |(method, cost): &(Method, Cost)| {
+        let too_large = free.is_some_and(|free| cost.bytes() > free);
+        let noisy = if *method == Method::Gather {
+            NOISY
+        } else {
+            1.0
+        };
+        (too_large, noisy * cost.seconds())
+    };
+    costs.sort_by(|a, b| {
+        let (a, b) = (order(a), order(b));
+        a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
+    });
+    let told: Vec<String> = (costs.iter())
+        .map(|(method, cost)| {
+            let name = match method {
+                Method::Direct => "exact sums",
+                Method::Gather => "rays",
+                _ => "links",
+            };
+            format!("{name} {:.2} s", cost.seconds())
+        })
+        .collect();
+    (costs[0].0, format!("expected are {}", told.join(", ")))
+}
+
+/// Largest order of the expansions, and the size of the leaves for it.
+fn expansions(
+    options: &Options,
+    method: Method,
+    tolerance: f64,
+    surfels: usize,
+    backend: &Backend,
+) -> Result<(usize, usize)> {
+    let open = options.occlusion == Occlusion::None;
+    let classic = method == Method::Classic;
+    let order = options.order.unwrap_or(match open || classic {
+        true => links::open::order(tolerance),
+        false => ORDER,
+    });
+    let (most, place) = match backend {
+        Backend::Cpu => (MAX_ORDER, "on the CPU"),
+        Backend::Gpu { .. } => (gpu::MAX_ORDER, "on a GPU"),
+    };
+    if order > most {
+        return Err(Error::Usage(format!(
+            "order {order}: expansions {place} have orders up to {most}"
+        )));
+    }
+    let leaf_size = match (open, classic) {
+        (true, _) => links::open::leaf_size(order, surfels),
+        (false, true) => links::CLASSIC_LEAF_SIZE,
+        (false, false) => LEAF_SIZE,
+    };
+    Ok((order, leaf_size))
+}
