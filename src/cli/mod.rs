@@ -2,6 +2,7 @@
 
 mod adapters;
 mod backend;
+mod chart;
 mod compare;
 mod info;
 mod outputs;
@@ -37,6 +38,7 @@ enum Command {
     Visible(visible::Args),
     Info(info::Args),
     Compare(compare::Args),
+    Chart(chart::Args),
     Adapters(adapters::Args),
 }
 
@@ -54,6 +56,7 @@ pub fn run() -> ExitCode {
         Command::Visible(args) => visible::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Chart(args) => chart::run(&args),
         Command::Adapters(_) => adapters::run(),
     };
     match result {

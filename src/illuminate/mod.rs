@@ -22,6 +22,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use self::geometry::Geometry;
 pub use self::options::{Backend, DEFAULT_TOLERANCE, Method, Occlusion, Options};
 pub use self::quantiles::Interval;
 pub use self::rays::RAYS;
@@ -29,9 +30,10 @@ use self::stats::Stats;
 pub use self::transport::Transport;
 use crate::error::Result;
 use crate::map::IlluminationMap;
-use crate::points::Surfels;
+use crate::points::{PointCloud, Surfels};
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::visibility::Occluders;
 
 /// The map and what it took.
 #[derive(Clone, Debug, Default)]
@@ -55,4 +57,16 @@ pub fn illuminate(
     progress: &dyn Progress,
 ) -> Result<Illumination> {
     Transport::new(scene, options, backend, progress)?.illuminate(scene, progress)
+}
+
+/// The surfels that solves with occlusion make of a cloud, and what stands in the way.
+pub(crate) fn prepared(
+    cloud: &PointCloud,
+    progress: &dyn Progress,
+) -> Result<(Arc<Surfels>, Arc<Occluders>)> {
+    let options = Options::default();
+    let (geometry, _) =
+        Geometry::prepare(cloud, &options, DEFAULT_TOLERANCE, &Backend::Cpu, progress)?;
+    let occluders = geometry.occluders.expect("occlusion is the default");
+    Ok((geometry.surfels, occluders))
 }
