@@ -7,6 +7,10 @@ use crate::error::{Error, Result};
 /// Largest resident size of this process so far, in bytes; `None` where the system does not tell.
 #[cfg(unix)]
 pub fn peak_bytes() -> Option<u64> {
+    // What getrusage tells on Linux goes back to the process that started this one.
+    if let Some(bytes) = told("/proc/self/status", "VmHWM:") {
+        return Some(bytes);
+    }
     let mut usage = std::mem::MaybeUninit::<libc::rusage>::uninit();
     // SAFETY: getrusage fills the struct that it is given; it is read only on success.
     let usage = unsafe {
@@ -33,8 +37,13 @@ pub fn peak_bytes() -> Option<u64> {
 /// Bytes of memory that can be taken without swapping, where the system tells (Linux), otherwise
 /// `None`.
 pub fn available() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
+    told("/proc/meminfo", "MemAvailable:")
+}
+
+/// Bytes that a file of Linux tells under a name.
+fn told(path: &str, name: &str) -> Option<u64> {
+    let text = std::fs::read_to_string(path).ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix(name))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kib * 1024)
 }

@@ -103,7 +103,7 @@ impl<'a, P: DrawingBackend> Canvas<'a, P> {
         Ok(())
     }
 
-    /// Text whose middle line is at the height of `at`.
+    /// Text whose small letters are in the middle at the height of `at`.
     pub fn text(
         &self,
         text: &str,
@@ -121,7 +121,7 @@ impl<'a, P: DrawingBackend> Canvas<'a, P> {
             .into_font()
             .color(&rgb(colour))
             .pos(Pos::new(horizontal, VPos::Center));
-        let text = Text::new(text.to_owned(), self.pixel(at), style);
+        let text = Text::new(text.to_owned(), self.pixel((at.0, at.1 + 1.5)), style);
         self.area.draw(&text).map_err(told)
     }
 

@@ -115,7 +115,7 @@ fn error_time(charted: &Charted) -> Option<Picture> {
             drawn.push(Panel {
                 title: format!("{scene}, {} points", thousands(points)),
                 x: Axis::log("time of a solve", Unit::Seconds),
-                y: Axis::log("error", Unit::Percent),
+                y: Axis::log("relative L2 error", Unit::Percent),
                 drawn: Drawn::Curves(all),
             });
         }
@@ -183,7 +183,7 @@ fn growth(charted: &Charted) -> Option<Picture> {
                 x: Axis::log("points", Unit::Count),
                 y: match memory {
                     false => Axis::log("time of a solve", Unit::Seconds),
-                    true => Axis::log("memory", Unit::Bytes),
+                    true => Axis::log("memory of a solve", Unit::Bytes),
                 },
                 drawn: Drawn::Curves(curves.collect()),
             });
@@ -249,7 +249,7 @@ fn order(charted: &Charted) -> Option<Picture> {
                 title: format!("{scene}, {} points", thousands(surfels)),
                 x: Axis::linear("order of the expansions", Unit::Count),
                 y: match time {
-                    false => Axis::log("error", Unit::Percent),
+                    false => Axis::log("relative L2 error", Unit::Percent),
                     true => Axis::log("time of one application", Unit::Seconds),
                 },
                 drawn: Drawn::Curves(curves.collect()),
@@ -303,7 +303,7 @@ fn stages(charted: &Charted) -> Option<Picture> {
         });
         Panel {
             title: format!("{scene}, {} points", thousands(surfels)),
-            x: Axis::log("time of a stage; at the right: gpu / cpu", Unit::Seconds),
+            x: Axis::log("time of a stage; behind it gpu / cpu", Unit::Seconds),
             y: Axis::linear("", Unit::Count),
             drawn: Drawn::Rows(rows.collect()),
         }

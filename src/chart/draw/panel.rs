@@ -12,9 +12,10 @@ pub const SMALL: f64 = 13.0;
 pub const LARGE: f64 = 15.0;
 /// Room around the plot: left, top, right, bottom.
 const MARGINS: [f64; 4] = [62.0, 52.0, 14.0, 42.0];
-/// Of labels at the ends of curves, and of the names of rows.
+/// Of labels at the ends of curves, and of the names of rows and the words behind them.
 const LABELS: f64 = 120.0;
 const NAMES: f64 = 110.0;
+const WORDS: f64 = 36.0;
 
 #[derive(Clone, Copy, PartialEq)]
 pub enum Mark {
@@ -195,11 +196,14 @@ impl Panel {
         (width, height): (f64, f64),
         ranges: Ranges,
     ) -> Result<()> {
-        let labelled =
-            matches!(&self.drawn, Drawn::Curves(c) if c.iter().any(|c| c.label.is_some()));
         let rows = matches!(self.drawn, Drawn::Rows(_));
+        let behind = match &self.drawn {
+            Drawn::Rows(_) => WORDS,
+            Drawn::Curves(curves) if curves.iter().any(|c| c.label.is_some()) => LABELS,
+            Drawn::Curves(_) => 0.0,
+        };
         let begin = left + if rows { NAMES } else { MARGINS[0] };
-        let end = left + width - MARGINS[2] - if labelled { LABELS } else { 0.0 };
+        let end = left + width - MARGINS[2] - behind;
         let (upper, lower) = (top + MARGINS[1], top + height - MARGINS[3]);
         let part = |(low, high): (f64, f64), v: f64| (v - low) / (high - low);
         let x = |v: f64| begin + (end - begin) * part(ranges.x, self.x.place(v));
@@ -246,7 +250,7 @@ impl Panel {
                 for (k, (name, marks, word)) in rows.iter().enumerate() {
                     let height = upper + (k as f64 + 0.5) * step;
                     canvas.text(name, (begin - 6.0, height), SMALL, INK, Anchor::Right)?;
-                    canvas.text(word, (end - 6.0, height), SMALL, INK, Anchor::Right)?;
+                    canvas.text(word, (end + WORDS, height), SMALL, INK, Anchor::Right)?;
                     let ends = marks.map(|(value, _)| (x(value), height));
                     canvas.line(&ends, LIGHT, 3.0)?;
                     for ((_, look), at) in marks.iter().zip(ends) {
@@ -290,6 +294,19 @@ fn labels<P: DrawingBackend>(
 }
 
 impl Look {
+    /// A sample of the line from one place to another.
+    pub fn sample<P: DrawingBackend>(
+        &self,
+        canvas: &Canvas<P>,
+        (left, right): (f64, f64),
+        y: f64,
+    ) -> Result<()> {
+        match self.mark {
+            Mark::Ring => self.mark(canvas, (0.5 * (left + right), y)),
+            _ => self.draw(canvas, &[(left, y), (right, y)]),
+        }
+    }
+
     /// The line through some places, and the marks at them.
     pub fn draw<P: DrawingBackend>(&self, canvas: &Canvas<P>, at: &[(f64, f64)]) -> Result<()> {
         // Rings are drawn around what is chosen, not connected.

@@ -117,7 +117,7 @@ impl Picture {
             let y = 50.0 + LINE * l as f64;
             for &(x, k) in line {
                 let (name, look) = &self.legend[k];
-                look.draw(canvas, &[(x, y), (x + 30.0, y)])?;
+                look.sample(canvas, (x, x + 30.0), y)?;
                 canvas.text(name, (x + 40.0, y), SMALL, TITLE, Anchor::Left)?;
             }
         }
