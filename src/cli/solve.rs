@@ -346,11 +346,8 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
             }
         ),
     ];
-    if let (Some(rays), Some(error)) = (stats.rays, stats.standard_error) {
-        lines.push(format!(
-            "rays        {rays} from each point, which leave a standard error of {:.2}%",
-            100.0 * error
-        ));
+    if let Some(rays) = stats.rays {
+        lines.push(format!("rays        {rays} from each point"));
     }
     if let Some(error) = &stats.error {
         let met = match stats.met() {

@@ -110,7 +110,8 @@ impl Task<'_> {
             let clock = Instant::now();
             let claimed = found.as_ref().map(|bounced| (linked.links(), bounced));
             let model = best.as_ref().and_then(|last| last.model_error);
-            let (verified, model) = self.verify_round(&direct, claimed, model, round)?;
+            let tested = budget(visibility.segments());
+            let (verified, model) = self.verify_round(&direct, claimed, tested, model, round)?;
             verification += clock.elapsed().as_secs_f64();
             self.progress.note(&format!(
                 "links within {:.1e}, lights within {:.1e}: {verified}",
@@ -184,15 +185,16 @@ impl Task<'_> {
         solve(&mut rough, &work)
     }
 
-    /// The error of a round, and that of the model, which the first round finds out.
-    fn verify_round(
+    /// The error of a round, found by some segments, and that of the model, which the first round finds
+    /// out.
+    pub(super) fn verify_round(
         &self,
         direct: &DirectLight,
         found: Option<(&Links, &Bounced)>,
+        budget: u64,
         model: Option<f64>,
         round: u64,
     ) -> Result<(Verified, Option<f64>)> {
-        let budget = budget(self.visibility.segments());
         let mut verified = self.verify(direct, found, budget, round)?;
         let model = match round {
             0 => {
@@ -241,7 +243,7 @@ impl Task<'_> {
     }
 
     /// How far a solution is from the point truth; without links it is light straight from the lights.
-    pub(super) fn verify(
+    fn verify(
         &self,
         direct: &DirectLight,
         found: Option<(&Links, &Bounced)>,

@@ -1,55 +1,49 @@
-//! The way by rays: what each surfel sees in random directions is kept for all bounces.
+//! The way by rays: what each surfel sees in random directions is kept for all bounces, and the light
+//! that they bring is smoothed over the surface as far as it differs by their noise.
 
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
-use rand::RngExt;
 
+use super::even::even;
 use super::fmm::budget;
 use super::task::{Solve, Solved, Task, counts};
-use super::work::{BOUNCES_INSTEAD, Bounced, Work};
-use crate::error::{Error, Result};
+use super::verify::Verified;
+use super::work::Bounced;
+use crate::error::Result;
 use crate::links::{self, Links, Rows};
 use crate::memory;
-use crate::operator::{Fields, Fmm, TransportOperator};
 use crate::passes::cpu;
-use crate::random::{Purpose, stream};
-use crate::solve::{Stop, solve};
+use crate::smoothing::Smoother;
 use crate::visibility::Occluders;
 
 /// Rays from each surfel that can be asked for.
 pub const RAYS: RangeInclusive<u32> = 2..=1 << 16;
 /// Rays to begin with.
-const FIRST_RAYS: u32 = 32;
-/// Draws of an error that might have been, whose mean square is taken.
-const DRAWS: u64 = 8;
-/// Residual to which each of them is solved. What is brightened most, a small part of the whole, must
-/// not be lost in it.
-const ERROR_RESIDUAL: f64 = 0.01;
+const FIRST_RAYS: u32 = 16;
+/// The error falls as this power of the number of rays.
+const POWER: f64 = 0.7;
+/// A next round has at most so many times as many rays.
+const MOST_MORE: f64 = 8.0;
+/// What a next round aims at, in units of what would just do.
+const AIM: f64 = 0.9;
+/// Rays that leave more than this part of the error are in vain: what is left is no noise, but that
+/// rays meet cells where sums take points.
+const STUCK: f64 = 0.85;
 
 /// Rays that were cast.
 #[derive(Clone, Copy)]
 pub(super) struct Rays {
     /// From each surfel.
     pub count: u32,
-    /// Standard error that they leave, relative to the irradiance (L2 norms).
-    pub standard_error: f64,
     /// Seconds that they took.
     pub seconds: f64,
 }
 
-/// What a number of rays found.
-struct Found {
-    rays: u32,
-    links: Links,
-    bounced: Bounced,
-    standard_error: f64,
-}
-
 impl Task<'_> {
-    /// Lights per surfel, then rays for what is reflected: twice as many, until half of them agree
-    /// with the other half, or the memory is full.
+    /// Lights per surfel, then rays for what is reflected: more and more of them, until the tolerance
+    /// is met, or they are in vain, or the memory is full; or just as many as are `wanted`.
     pub fn gather(
         &self,
         occluders: &Occluders,
@@ -57,83 +51,79 @@ impl Task<'_> {
         repairs: &mut Vec<String>,
         solve: Solve,
     ) -> Result<Solved> {
-        let first = wanted.unwrap_or(FIRST_RAYS).next_power_of_two();
+        let mut rays = wanted.unwrap_or(FIRST_RAYS).next_power_of_two();
         let check_memory = |rays| memory::check_rays(self.surfels.len(), rays, memory::available());
-        check_memory(first)?;
-        let direct = self.direct_light(self.tolerance, None, repairs)?;
-        let lights = &direct.irradiance;
+        check_memory(rays)?;
+        let smoother = Smoother::new(self.surfels, self.visibility, self.progress)?;
+        let mut lights = self.tolerance;
+        let mut direct = self.direct_light(lights, Some(&smoother), repairs)?;
         let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
-        let dark = lights.iter().all(|h| *h == DVec3::ZERO);
+        let dark = direct.irradiance.iter().all(|h| *h == DVec3::ZERO);
         if black || dark || self.max_bounces == Some(0) {
             return Ok(Solved::without_reflection(direct.irradiance));
         }
-        let (mut casting, mut solving) = (0.0, 0.0);
-        let mut cast = |numbers| {
+        let mut cast = Cast::new(self, occluders, rays / 2)?;
+        let (mut solving, mut verification) = (0.0, 0.0);
+        let mut start: Option<Vec<DVec3>> = None;
+        let mut best: Option<(Solved, Verified)> = None;
+        for round in 0.. {
+            let more = cast.up_to(rays)?;
+            let links = self.links_of(links::mean(&cast.rows, &more, self.progress)?);
             let clock = Instant::now();
-            let (seed, progress) = (self.seed, self.progress);
-            let rows = links::gather::<f32>(self.surfels, occluders, numbers, seed, progress)?;
-            casting += clock.elapsed().as_secs_f64();
-            Ok::<Rows, Error>(rows)
-        };
-        let half = cast(0..first / 2)?;
-        let mut twice = |rays: u32, near: &Rows, start: Option<&[DVec3]>| {
-            check_memory(rays)?;
-            let more = cast(rays / 2..rays)?;
-            let links = self.links_of(links::mean(near, &more, self.progress)?);
-            let clock = Instant::now();
-            let work = self.work(lights, start, self.stop());
-            let bounced = solve(
-                &links,
-                &Work {
-                    checked: None,
-                    ..work
-                },
-            )?;
-            let standard_error = self.standard_error([near, &more], &links, &bounced)?;
+            let work = self.work(&direct.irradiance, start.as_deref(), self.stop());
+            let bounced = solve(&links, &work)?;
+            let noise = noise([&cast.rows, &more], &bounced, &direct.irradiance);
+            let bounced = even(bounced, self.surfels, &smoother, &direct.irradiance, noise);
             solving += clock.elapsed().as_secs_f64();
-            Ok(Found {
-                rays,
-                links,
-                bounced,
-                standard_error,
-            })
-        };
-        let mut found = twice(first, &half, None)?;
-        drop(half);
-        while wanted.is_none() && found.standard_error > self.tolerance && found.rays < *RAYS.end()
-        {
-            let start = Some(found.bounced.reflected.as_slice());
-            found = match twice(2 * found.rays, &found.links.near, start) {
-                Err(Error::TooLarge(why)) => {
-                    self.progress.note(&format!("no more rays: {why}"));
-                    break;
-                }
-                found => found?,
+            let model = best.as_ref().and_then(|(last, _)| last.model_error);
+            let tested = budget(u64::from(rays) * self.surfels.len() as u64);
+            let claimed = Some((&links, &bounced));
+            let (verified, model) = self.verify_round(&direct, claimed, tested, model, round)?;
+            verification += verified.seconds;
+            self.progress.note(&format!(
+                "{rays} rays from each point, lights within {lights:.1e}: {verified}"
+            ));
+            start = Some(bounced.reflected);
+            let solved = Solved {
+                direct: direct.irradiance.clone(),
+                irradiance: bounced.irradiance,
+                ended: bounced.ended,
+                checked: bounced.checked,
+                verified: Some(verified),
+                model_error: model,
+                links: counts(&links),
+                ..Solved::default()
             };
+            let last = best.replace((solved, verified));
+            let in_vain = last.is_some_and(|(_, last)| verified.bound() > STUCK * last.bound());
+            let most = rays == *RAYS.end() || wanted.is_some();
+            if verified.met || in_vain || most || !bounced.ended.converged {
+                break;
+            }
+            let wrong = verified.bound() / (AIM * verified.tolerance);
+            if verified.direct.value > 0.5 * verified.total.rel_l2.value {
+                lights *= (1.0 / wrong).clamp(0.3, 0.8);
+                direct = self.direct_light(lights, Some(&smoother), &mut Vec::new())?;
+            }
+            let more = wrong.powf(1.0 / POWER).clamp(2.0, MOST_MORE);
+            let next = (f64::from(rays) * more) as u32;
+            let next = next.next_power_of_two().min(*RAYS.end());
+            if let Err(why) = check_memory(next) {
+                self.progress.note(&format!("no more rays: {why}"));
+                break;
+            }
+            rays = next;
+            cast.rows = links.near;
         }
-        let clock = Instant::now();
-        let work = self.work(lights, Some(&found.bounced.reflected), self.stop());
-        let bounced = solve(&found.links, &work)?;
-        solving += clock.elapsed().as_secs_f64();
-        let segments = u64::from(found.rays) * self.surfels.len() as u64;
-        let verified = self.verify(&direct, Some((&found.links, &bounced)), budget(segments), 0)?;
-        let mut ended = bounced.ended;
-        ended.converged &= wanted.is_some() || found.standard_error <= self.tolerance;
+        let solved = best.map(|(solved, _)| solved).unwrap_or_default();
         Ok(Solved {
-            direct: direct.irradiance,
-            irradiance: bounced.irradiance,
-            ended,
-            checked: bounced.checked,
-            verification: verified.seconds,
-            verified: Some(verified),
-            links: counts(&found.links),
             rays: Some(Rays {
-                count: found.rays,
-                standard_error: found.standard_error,
-                seconds: casting,
+                count: cast.count,
+                seconds: cast.seconds,
             }),
             seconds: solving,
-            ..Solved::default()
+            verification,
+            ..solved
         })
     }
 
@@ -143,61 +133,71 @@ impl Task<'_> {
             ..Links::none(self.octree.facets.len(), self.surfels.len())
         }
     }
+}
 
-    /// Standard error of the irradiance by the mean of two operators, relative to it.
-    ///
-    /// Half of what the operators differ by is an error d of the irradiance, which is reflected on as
-    /// light is: (I - ρF) e = ρ d, in all d + F e. Where little is absorbed, one number decides, the
-    /// mean of d: to know how large it is as a rule, d is drawn again with random signs, as rays of one
-    /// surfel know nothing of those of another. Both halves are stratified and complete each other,
-    /// so that the true error is smaller by a little.
-    fn standard_error(&self, halves: [&Rows; 2], links: &Links, bounced: &Bounced) -> Result<f64> {
-        let whole: f64 = bounced.irradiance.iter().map(|h| h.length_squared()).sum();
-        if whole == 0.0 {
-            return Ok(0.0);
-        }
-        // As f32 can hold the squares of.
-        let unit = (whole / bounced.irradiance.len() as f64).sqrt();
-        let operator = Fmm::<f32>::new(self.surfels, self.octree, links);
-        let fields = operator.fields();
-        let upload = |light: &[DVec3]| {
-            let light: Vec<DVec3> = light.iter().map(|h| *h / unit).collect();
-            fields.upload(&light)
+/// Rays that are cast bit by bit.
+struct Cast<'a> {
+    task: &'a Task<'a>,
+    occluders: &'a Occluders,
+    /// The mean of those that were there before the last.
+    rows: Rows,
+    /// From each surfel, a power of two.
+    count: u32,
+    seconds: f64,
+}
+
+impl<'a> Cast<'a> {
+    fn new(task: &'a Task, occluders: &'a Occluders, count: u32) -> Result<Cast<'a>> {
+        let mut cast = Cast {
+            task,
+            occluders,
+            rows: Rows::none(0),
+            count,
+            seconds: 0.0,
         };
-        let reflected = upload(&bounced.reflected)?;
-        let [mut difference, other] = halves.map(|near| {
-            let mut irradiance = vec![Vec3::ZERO; reflected.len()];
-            cpu::near_field::<f32>(near, &reflected, &mut irradiance);
-            irradiance
-        });
-        fields.axpy(-1.0, &other, &mut difference)?;
-        fields.scale(0.5, &mut difference)?;
-        let reflectance: Vec<DVec3> = self
-            .surfels
-            .reflectance
-            .iter()
-            .map(|r| r.as_dvec3())
-            .collect();
-        let reflectance = fields.upload(&reflectance)?;
-        let stop = Stop {
-            residual: ERROR_RESIDUAL,
-            bounces: match bounced.ended.converged {
-                true => self.max_bounces.map(|bounces| bounces - 1),
-                false => Some(BOUNCES_INSTEAD),
-            },
-        };
-        let mut square = 0.0;
-        for draw in 0..DRAWS {
-            let mut random = stream(self.seed, Purpose::Errors, draw);
-            let sign = |d: &Vec3| if random.random() { *d } else { -*d };
-            let mut error: Vec<Vec3> = difference.iter().map(sign).collect();
-            let mut source = fields.copy(&error)?;
-            fields.multiply(&reflectance, &mut source)?;
-            let (reflected, _) =
-                solve(&operator, &reflectance, &source, None, stop, self.progress)?;
-            fields.axpy(1.0, &operator.apply(&reflected)?, &mut error)?;
-            square += fields.dot(&error, &error)? / DRAWS as f64;
+        cast.rows = cast.numbers(0..count)?;
+        Ok(cast)
+    }
+
+    fn numbers(&mut self, numbers: Range<u32>) -> Result<Rows> {
+        let clock = Instant::now();
+        let Task { surfels, seed, progress, .. } = *self.task;
+        let rows = links::gather::<f32>(surfels, self.occluders, numbers, seed, progress)?;
+        self.seconds += clock.elapsed().as_secs_f64();
+        Ok(rows)
+    }
+
+    /// Casts up to so many rays from each surfel, a power of two: the second half of them, when `rows`
+    /// holds the first.
+    fn up_to(&mut self, rays: u32) -> Result<Rows> {
+        loop {
+            let more = self.numbers(self.count..2 * self.count)?;
+            self.count *= 2;
+            if self.count >= rays {
+                return Ok(more);
+            }
+            self.rows = links::mean(&self.rows, &more, self.task.progress)?;
         }
-        Ok((square * unit * unit / whole).sqrt())
+    }
+}
+
+/// Noise of the light that rays bring, relative to it: half of what two halves of them differ by.
+fn noise(halves: [&Rows; 2], bounced: &Bounced, lights: &[DVec3]) -> f64 {
+    // As f32 can hold the squares of.
+    let brightest = bounced.sent.iter().map(|b| b.max_element());
+    let unit = brightest.fold(f64::MIN_POSITIVE, f64::max);
+    let sent: Vec<Vec3> = bounced.sent.iter().map(|b| (*b / unit).as_vec3()).collect();
+    let [a, b] = halves.map(|near| {
+        let mut irradiance = vec![Vec3::ZERO; sent.len()];
+        cpu::near_field::<f32>(near, &sent, &mut irradiance);
+        irradiance
+    });
+    let differences = a.iter().zip(&b).map(|(a, b)| (*a - *b).as_dvec3() * 0.5 * unit);
+    let square = |light: DVec3| light.length_squared();
+    let all = bounced.irradiance.iter().zip(lights);
+    let reflected: f64 = all.map(|(h, light)| square(*h - *light)).sum();
+    match reflected > 0.0 {
+        true => (differences.map(square).sum::<f64>() / reflected).sqrt(),
+        false => 0.0,
     }
 }

@@ -71,8 +71,6 @@ pub struct Stats {
     pub links: BTreeMap<String, u64>,
     /// Rays cast from each surfel, if any.
     pub rays: Option<u32>,
-    /// Standard error of the irradiance that they leave, relative to its L2 norm.
-    pub standard_error: Option<f64>,
     /// Segments tested for visibility.
     pub segments: u64,
     /// Most memory of the process, where the system tells.
@@ -91,9 +89,8 @@ pub struct Stats {
 }
 
 impl Stats {
-    /// Whether the measured error is within the tolerance. Nothing is promised by the other methods
-    /// than fmm: rays have a limit of their own, which is not quite that of the points.
+    /// Whether the measured error is within the tolerance.
     pub fn met(&self) -> bool {
-        self.method != Method::Fmm || self.error.is_none_or(|error| error.met)
+        self.error.is_none_or(|error| error.met)
     }
 }

@@ -199,7 +199,6 @@ impl Transport {
             },
             links: solved.links,
             rays: solved.rays.map(|rays| rays.count),
-            standard_error: solved.rays.map(|rays| rays.standard_error),
             segments: visibility.segments(),
             peak_memory_bytes: None,
             row_sum: solved.checked.map(|c| c.row_sum),
