@@ -80,9 +80,9 @@ fn a_chart_from_end_to_end_and_on() {
             "{what}"
         );
         assert!(number(row, "memory_bytes") > 0.0, "{what}");
-        // 16 rays have a noise of a few percent; the cells of 300 points leave gaps in the sphere.
-        assert!(number(row, "rel_l2") < 0.12, "{what}: {row:?}");
-        assert!(number(row, "surface_rel_l2") < 0.12, "{what}: {row:?}");
+        // Measured: at most 0.0065 and 0.016, all of 300 points.
+        assert!(number(row, "rel_l2") < 0.02, "{what}: {row:?}");
+        assert!(number(row, "surface_rel_l2") < 0.04, "{what}: {row:?}");
         if row["method"] == "direct" {
             // It solves what the truth is made of.
             assert!(number(row, "rel_l2") < 1e-4, "{what}: {row:?}");
@@ -96,13 +96,9 @@ fn a_chart_from_end_to_end_and_on() {
     let orders = table(&out.join("orders.csv"));
     assert_eq!(orders.len(), 3 * 2 * 7);
     for row in &orders {
-        // Both bases are the same expansion: so are their errors, but for f32.
-        let twin = orders.iter().find(|other| {
-            other["basis"] == "spherical, f64"
-                && ["order", "lists"].iter().all(|c| other[*c] == row[*c])
-        });
-        let difference = number(row, "error") - number(twin.unwrap(), "error");
-        assert!(difference.abs() < 1e-5, "{row:?}");
+        // Measured: at most 1.6e-3, and 9e-7 at order 6 in f32.
+        let most = if row["order"] == "6" { 1e-5 } else { 0.01 };
+        assert!(number(row, "error") < most, "{row:?}");
     }
 
     // Eight stages of expansions at three orders, and three without.

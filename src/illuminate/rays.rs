@@ -161,7 +161,12 @@ impl<'a> Cast<'a> {
 
     fn numbers(&mut self, numbers: Range<u32>) -> Result<Rows> {
         let clock = Instant::now();
-        let Task { surfels, seed, progress, .. } = *self.task;
+        let Task {
+            surfels,
+            seed,
+            progress,
+            ..
+        } = *self.task;
         let rows = links::gather::<f32>(surfels, self.occluders, numbers, seed, progress)?;
         self.seconds += clock.elapsed().as_secs_f64();
         Ok(rows)
@@ -192,7 +197,10 @@ fn noise(halves: [&Rows; 2], bounced: &Bounced, lights: &[DVec3]) -> f64 {
         cpu::near_field::<f32>(near, &sent, &mut irradiance);
         irradiance
     });
-    let differences = a.iter().zip(&b).map(|(a, b)| (*a - *b).as_dvec3() * 0.5 * unit);
+    let differences = a
+        .iter()
+        .zip(&b)
+        .map(|(a, b)| (*a - *b).as_dvec3() * 0.5 * unit);
     let square = |light: DVec3| light.length_squared();
     let all = bounced.irradiance.iter().zip(lights);
     let reflected: f64 = all.map(|(h, light)| square(*h - *light)).sum();

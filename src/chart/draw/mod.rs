@@ -20,6 +20,14 @@ const VERMILLION: [u8; 3] = [213, 94, 0];
 const PURPLE: [u8; 3] = [204, 121, 167];
 const GREY: [u8; 3] = [190, 190, 190];
 
+/// The Pareto front, behind all else.
+const FRONT: Look = Look {
+    colour: GREY,
+    dashed: false,
+    width: 8.0,
+    mark: Mark::End,
+};
+
 /// All pictures of a chart for which something was measured.
 pub fn pictures(charted: &Charted) -> Vec<Picture> {
     let pictures = [
@@ -92,12 +100,7 @@ fn error_time(charted: &Charted) -> Option<Picture> {
             let solves = of.map_or(&[][..], |p| &p.2);
             let at = |s: &Solve| (s.measured.seconds, s.point.rel_l2);
             let mut all = vec![Curve {
-                look: Look {
-                    colour: GREY,
-                    dashed: false,
-                    width: 7.0,
-                    mark: Mark::None,
-                },
+                look: FRONT,
                 points: steps(
                     charted
                         .front(solves)
@@ -124,13 +127,7 @@ fn error_time(charted: &Charted) -> Option<Picture> {
         .into_iter()
         .map(|(name, look, _)| (name, look))
         .collect();
-    let grey = Look {
-        colour: GREY,
-        dashed: false,
-        width: 7.0,
-        mark: Mark::None,
-    };
-    legend.push(("nothing beats (Pareto front)".into(), grey));
+    legend.push(("nothing beats (Pareto front)".into(), FRONT));
     (!drawn.is_empty()).then(|| Picture {
         name: "error_time",
         title: "Error against time".into(),

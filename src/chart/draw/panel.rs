@@ -19,7 +19,8 @@ const WORDS: f64 = 36.0;
 
 #[derive(Clone, Copy, PartialEq)]
 pub enum Mark {
-    None,
+    /// As wide as the line.
+    End,
     Dot,
     Square,
     Ring,
@@ -321,7 +322,7 @@ impl Look {
 
     fn mark<P: DrawingBackend>(&self, canvas: &Canvas<P>, at: (f64, f64)) -> Result<()> {
         match self.mark {
-            Mark::None => Ok(()),
+            Mark::End => canvas.dot(at, 0.5 * self.width, self.colour),
             Mark::Dot => canvas.dot(at, 3.6, self.colour),
             Mark::Square => canvas.square(at, 3.6, self.colour),
             Mark::Ring => canvas.ring(at, 7.0, self.colour),
