@@ -18,6 +18,16 @@ fn solve(scene: &Scene, options: &Options) -> Illumination {
     illuminate(scene, &options, Backend::Cpu, &Silent).unwrap()
 }
 
+/// The irradiance by exact sums.
+fn exactly(scene: &Scene) -> Vec<Vec3> {
+    let options = Options {
+        method: Method::Direct,
+        ..Options::default()
+    };
+    let lit = illuminate(scene, &options, Backend::Cpu, &Silent);
+    lit.unwrap().map.irradiance
+}
+
 /// The sphere that emits 1 and reflects 1/2: the radiosity is 2 everywhere.
 #[test]
 fn furnace() {
@@ -74,18 +84,9 @@ fn integrating_sphere() {
 #[test]
 fn rays_follow_the_tolerance() {
     let scene = scene("organic", 3000);
-    let exact = illuminate(
-        &scene,
-        &Options {
-            method: Method::Direct,
-            ..Options::default()
-        },
-        Backend::Cpu,
-        &Silent,
-    );
-    let truth = exact.unwrap().map.irradiance;
+    let truth = exactly(&scene);
     let mut last = 0;
-    for tolerance in [0.1, 0.05, 0.03] {
+    for tolerance in [0.2, 0.1, 0.05] {
         let options = Options {
             tolerance: Some(tolerance),
             below_model: true,
@@ -187,33 +188,26 @@ fn bright_cube(reflectance: f32) -> Scene {
     }
 }
 
-/// Where light is reflected hundreds of times, what the rays of all surfels have in common is the error:
-/// what is said of it holds against very many rays.
+/// Where light is reflected hundreds of times, what the cells that rays meet are larger or smaller than
+/// the areas of their points is the error: what is said of it holds against exact sums.
 #[test]
 fn the_error_of_bright_rooms_is_known() {
     let scene = bright_cube(0.995);
-    let lit = |rays, seed| {
+    let truth = exactly(&scene);
+    for seed in 0..4 {
         let options = Options {
-            rays: Some(rays),
+            rays: Some(128),
             seed,
-            tolerance: Some(1e-3),
+            tolerance: Some(0.01),
             ..Options::default()
         };
-        solve(&scene, &options)
-    };
-    let truth = lit(1 << 14, 99);
-    let (mut errors, mut said) = (0.0, 0.0);
-    for seed in 0..12 {
-        let found = lit(128, seed);
-        let off = compare(&found.map.irradiance, &truth.map.irradiance).unwrap();
-        let says = found.stats.error.unwrap().total.rel_l2;
-        println!("seed {seed}: error {:.4}, said {says:?}", off.rel_l2);
-        errors += off.rel_l2.powi(2);
-        said += says.value.powi(2);
+        let found = solve(&scene, &options);
+        let error = compare(&found.map.irradiance, &truth).unwrap().rel_l2;
+        let said = found.stats.error.unwrap();
+        let bounds = said.total.rel_l2;
+        println!("seed {seed}: error {error:.4}, said {bounds:?}");
+        assert!(!said.met && error > 0.8 * bounds.low && error < 1.2 * bounds.high);
     }
-    let ratio = (errors / said).sqrt();
-    println!("error / said: {ratio:.2}");
-    assert!(ratio > 0.4 && ratio < 1.5);
 }
 
 /// No light is lost: what is said must still be light. (Measured: 0.23; with what rounding leaves of an
