@@ -10,8 +10,7 @@
 #[path = "../tests/tracer/mod.rs"]
 mod tracer;
 
-use std::time::Instant;
-
+use fmmgi_gpu::chart::{Clock, Spent};
 use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::exact_irradiance;
 use fmmgi_gpu::progress::Silent;
@@ -179,27 +178,15 @@ fn solve(case: &Case, method: Method, rays: Option<u32>, tolerance: f64) -> Solv
         let lit = illuminate(case.scene, &options, Backend::Cpu, &Silent).unwrap();
         lit.map.irradiance.iter().map(|h| h.as_dvec3()).collect()
     };
-    let (clock, before) = (Instant::now(), cpu_seconds());
+    let clock = Clock::start();
     let map = lit(None);
-    let (wall, seconds) = (clock.elapsed().as_secs_f64(), cpu_seconds() - before);
+    let Spent { wall, cpu } = clock.spent();
     Solved {
         map,
         direct: lit(Some(0)),
         wall,
-        seconds,
+        seconds: cpu,
     }
-}
-
-/// Seconds of all threads of this process.
-fn cpu_seconds() -> f64 {
-    // SAFETY: getrusage fills the struct that it is given, which is one of plain numbers.
-    let usage = unsafe {
-        let mut usage: libc::rusage = std::mem::zeroed();
-        libc::getrusage(libc::RUSAGE_SELF, &mut usage);
-        usage
-    };
-    let seconds = |t: libc::timeval| t.tv_sec as f64 + 1e-6 * t.tv_usec as f64;
-    seconds(usage.ru_utime) + seconds(usage.ru_stime)
 }
 
 /// The surfels of a scene, and some of them that receive.

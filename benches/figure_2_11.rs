@@ -7,6 +7,8 @@
 use std::path::Path;
 use std::time::Instant;
 
+use fmmgi_gpu::chart::fit::exponent;
+use fmmgi_gpu::chart::{Clock, median};
 use fmmgi_gpu::links::{self, Accuracy, Links};
 use fmmgi_gpu::octree::Octree;
 use fmmgi_gpu::operator::{AllPairs, Fields, Fmm, TransportOperator, exact_irradiance};
@@ -51,15 +53,12 @@ fn radiosity(surfels: &Surfels) -> Vec<DVec3> {
 
 /// Median of the seconds of several runs.
 fn seconds(runs: usize, mut run: impl FnMut()) -> f64 {
-    let mut times: Vec<f64> = (0..runs)
-        .map(|_| {
-            let start = Instant::now();
-            run();
-            start.elapsed().as_secs_f64()
-        })
-        .collect();
-    times.sort_by(f64::total_cmp);
-    times[runs / 2]
+    let times = (0..runs).map(|_| {
+        let clock = Clock::start();
+        run();
+        clock.spent().wall
+    });
+    median(&times.collect::<Vec<f64>>())
 }
 
 fn brute_force(surfels: &Surfels) -> f64 {
@@ -210,18 +209,9 @@ fn growth() {
             surfels.len() as f64 / row.application,
             row.all_in
         );
-        times.push(((surfels.len() as f64).ln(), row.application.ln()));
+        times.push((surfels.len() as f64, row.application));
     }
-    // Least squares.
-    let n = times.len() as f64;
-    let mean = times
-        .iter()
-        .fold((0.0, 0.0), |m, t| (m.0 + t.0 / n, m.1 + t.1 / n));
-    let slope = times
-        .iter()
-        .map(|t| (t.0 - mean.0) * (t.1 - mean.1))
-        .sum::<f64>()
-        / times.iter().map(|t| (t.0 - mean.0).powi(2)).sum::<f64>();
+    let slope = exponent(&times).expect("several sizes");
     println!("time grows as points^{slope:.2}");
 }
 

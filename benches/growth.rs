@@ -7,8 +7,9 @@
 //! seconds of an idle machine, and the bytes beside the points.
 
 use std::process::Command;
-use std::time::Instant;
 
+use fmmgi_gpu::chart::fit::exponent;
+use fmmgi_gpu::chart::{Clock, Spent};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::{Backend, Method, Options, Scene, illuminate, memory};
@@ -38,11 +39,14 @@ fn main() {
              bytes a point, estimated"
         );
         let times: Vec<(f64, f64)> = sizes.iter().map(|&n| line(name, n, *tolerance)).collect();
-        println!("  time grows as points^{:.2}", exponent(&times));
+        println!(
+            "  time grows as points^{:.2}",
+            exponent(&times).unwrap_or(f64::NAN)
+        );
     }
 }
 
-/// Prints the line of one size; the logarithms of points and time.
+/// Prints the line of one size; points and CPU seconds.
 fn line(name: &str, points: usize, tolerance: f64) -> (f64, f64) {
     let numbers = [points.to_string(), tolerance.to_string()];
     let child = Command::new(std::env::current_exe().unwrap())
@@ -55,7 +59,7 @@ fn line(name: &str, points: usize, tolerance: f64) -> (f64, f64) {
     let mut number = || words.next().unwrap().trim().parse::<f64>().unwrap();
     let (points, seconds) = (number(), number());
     println!("{}", words.next().unwrap().trim_end());
-    (points.ln(), seconds.ln())
+    (points, seconds)
 }
 
 /// A run in this process: surfels, CPU seconds and the line of the table.
@@ -72,11 +76,11 @@ fn one(name: &str, points: usize, tolerance: f64) {
         tolerance: Some(tolerance),
         ..Options::default()
     };
-    let (clock, before) = (Instant::now(), cpu_seconds());
+    let clock = Clock::start();
     let stats = illuminate(&scene, &options, Backend::Cpu, &Silent)
         .unwrap()
         .stats;
-    let (total, cpu) = (clock.elapsed().as_secs_f64(), cpu_seconds() - before);
+    let Spent { wall: total, cpu } = clock.spent();
     let (s, n) = (&stats.seconds, stats.surfels as f64);
     let bytes = memory::peak_bytes().map_or(f64::NAN, |b| b as f64 / n);
     let plan = stats.plan.unwrap();
@@ -93,26 +97,4 @@ fn one(name: &str, points: usize, tolerance: f64) {
         stats.segments as f64 / n,
         stats.links.values().sum::<u64>() as f64 / n,
     );
-}
-
-/// Seconds of all threads of this process.
-fn cpu_seconds() -> f64 {
-    // SAFETY: getrusage fills the struct that it is given, which is one of plain numbers.
-    let usage = unsafe {
-        let mut usage: libc::rusage = std::mem::zeroed();
-        libc::getrusage(libc::RUSAGE_SELF, &mut usage);
-        usage
-    };
-    let seconds = |t: libc::timeval| t.tv_sec as f64 + 1e-6 * t.tv_usec as f64;
-    seconds(usage.ru_utime) + seconds(usage.ru_stime)
-}
-
-/// Slope of the line through the points, least squares.
-fn exponent(points: &[(f64, f64)]) -> f64 {
-    let n = points.len() as f64;
-    let mean = |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / n;
-    let (x, y) = (mean(|p| p.0), mean(|p| p.1));
-    let slope = |p: &(f64, f64)| (p.0 - x) * (p.1 - y);
-    let square = |p: &(f64, f64)| (p.0 - x).powi(2);
-    points.iter().map(slope).sum::<f64>() / points.iter().map(square).sum::<f64>()
 }

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use fmmgi_gpu::passes::gpu::adapter::{self, AdapterChoice};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
@@ -42,6 +42,7 @@ fn whole_solves(criterion: &mut Criterion) {
         let solve = |backend| illuminate(&scene, &options, backend, &Silent).unwrap();
         let mut group = criterion.benchmark_group(format!("whole solve, {points} points"));
         group.sample_size(10);
+        group.throughput(Throughput::Elements(scene.cloud.len() as u64));
         group.bench_function("CPU", |b| b.iter(|| solve(Backend::Cpu)));
         if let Some(gpu) = &gpu {
             let backend = || Backend::Gpu {

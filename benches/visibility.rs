@@ -2,15 +2,14 @@
 //! CPU: `cargo bench --bench visibility`.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use fmmgi_gpu::chart::stages::segments;
 use fmmgi_gpu::links;
 use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::passes::gpu::{Gpu, GpuVisibility, adapter};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
-use fmmgi_gpu::visibility::{CpuVisibility, Occluders, Segment, Visibility, face};
+use fmmgi_gpu::visibility::{CpuVisibility, Occluders, Visibility};
 use fmmgi_gpu::{Scene, Surfels};
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64Mcg;
 
 /// Segments that are tested in one batch.
 const SEGMENTS: usize = 100_000;
@@ -29,25 +28,6 @@ fn surfels(name: &str, points: usize) -> Surfels {
     let scene = Scene::load(path.as_ref(), &options, &Silent).unwrap();
     let prepared = Surfels::prepare(&scene.cloud, &Silent).unwrap();
     Octree::build(&prepared.surfels, LEAF_SIZE).1
-}
-
-/// Between surfels that face each other: groups of `group` go from surfels side by side to surfels
-/// side by side.
-fn segments(surfels: &Surfels, group: usize) -> Vec<Segment> {
-    let mut random = Pcg64Mcg::seed_from_u64(1);
-    let n = surfels.len();
-    let mut segments = Vec::with_capacity(SEGMENTS + group);
-    while segments.len() < SEGMENTS {
-        let [i, j] = [(); 2].map(|_| random.random_range(0..n - group));
-        segments.extend(
-            (0..group)
-                .map(|k| (i + k / 4, j + k % 4))
-                .filter(|&(i, j)| face(surfels, i, j))
-                .map(|(i, j)| surfels.segment(i, j)),
-        );
-    }
-    segments.truncate(SEGMENTS);
-    segments
 }
 
 fn visibility(criterion: &mut Criterion) {
@@ -69,7 +49,7 @@ fn visibility(criterion: &mut Criterion) {
             .as_ref()
             .map(|gpu| GpuVisibility::new(gpu, &occluders).unwrap());
         for (kind, group) in [("random", 1), ("coherent", 16)] {
-            let segments = segments(&surfels, group);
+            let segments = segments(&surfels, group, SEGMENTS);
             let visible = cpu.visible(&segments).unwrap();
             let share = visible.iter().filter(|&&v| v).count() as f64 / SEGMENTS as f64;
             println!("{name}: {} surfels, {share:.2} visible", surfels.len());

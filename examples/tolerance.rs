@@ -13,12 +13,11 @@
 
 use std::path::{Path, PathBuf};
 
+use fmmgi_gpu::chart::truth::PointTruth;
 use fmmgi_gpu::glam::{DVec3, Vec3};
 use fmmgi_gpu::illuminate::Interval;
-use fmmgi_gpu::operator::exact_irradiance;
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
-use fmmgi_gpu::visibility::{CpuVisibility, Occluders, Visibility};
 use fmmgi_gpu::{Backend, Illumination, Method, Options, Result, Scene, illuminate};
 
 const SCENES: [&str; 4] = ["cornell", "two_rooms", "organic", "cave"];
@@ -30,8 +29,6 @@ const FINE: (f64, usize) = (0.003, 20_000);
 const RECEIVERS: usize = 500;
 /// Largest cloud that is compared with the dense solution.
 const DENSE: usize = 5000;
-/// Directions, squared, in which the sky over a surfel is looked for.
-const STRATA: usize = 64;
 
 fn main() -> Result<()> {
     let (sizes, others): (Vec<String>, Vec<String>) = std::env::args()
@@ -96,6 +93,7 @@ fn rows(name: &str, scene: &Scene, tolerances: &[f64]) -> Result<()> {
         true => Some(Dense::solve(scene)?),
         false => None,
     };
+    let truth = PointTruth::find(scene, RECEIVERS, &Silent)?;
     for &tolerance in tolerances {
         if tolerance <= FINE.0 && scene.cloud.len() > FINE.1 {
             continue;
@@ -110,7 +108,7 @@ fn rows(name: &str, scene: &Scene, tolerances: &[f64]) -> Result<()> {
         let clock = std::time::Instant::now();
         let lit = illuminate(scene, &options, Backend::Cpu, &Silent)?;
         let seconds = clock.elapsed().as_secs_f64();
-        let [total, reflected] = against_exact_sums(scene, &lit)?;
+        let [total, reflected] = against_exact_sums(&truth, &lit);
         let dense = dense.as_ref().map_or("".into(), |dense| {
             let [total, reflected] = dense.against(&lit).map(percent);
             format!("{total}, {reflected}")
@@ -143,53 +141,23 @@ fn percent(x: f64) -> String {
 
 /// Relative L2 errors of all irradiance and of the reflected part: one application of the exact
 /// operator to the solution.
-fn against_exact_sums(scene: &Scene, lit: &Illumination) -> Result<[f64; 2]> {
-    let surfels = &lit.surfels;
-    let n = surfels.len();
-    let occluders = Occluders::build(surfels);
-    let visibility = CpuVisibility::<f64>::new(&occluders);
-    let chosen: Vec<usize> = (0..RECEIVERS)
-        .map(|k| (2 * k + 1) * n / (2 * RECEIVERS))
-        .collect();
-    let irradiance: Vec<DVec3> = surfels
-        .points
-        .iter()
-        .map(|&p| lit.map.irradiance[p as usize].as_dvec3())
-        .collect();
-    let reflected: Vec<DVec3> = (irradiance.iter().zip(&surfels.reflectance))
-        .map(|(h, r)| *h * r.as_dvec3())
-        .collect();
-    let emitted: Vec<DVec3> = surfels.emission.iter().map(|e| e.as_dvec3()).collect();
-    let bounced = exact_irradiance(surfels, &visibility, &chosen, &reflected)?;
-    let mut direct = exact_irradiance(surfels, &visibility, &chosen, &emitted)?;
-    let lights = fmmgi_gpu::lights::point_lights(surfels, &scene.lights, &visibility, &Silent)?;
-    let reach = surfels.reach();
-    for (k, &i) in chosen.iter().enumerate() {
-        direct[k].0 += lights.irradiance[i];
-        if scene.sky != Vec3::ZERO {
-            let (normal, tangent) = (surfels.normals[i], surfels.cells.tangents[i]);
-            let way = |k: usize| {
-                let [u, v] = [k / STRATA, k % STRATA].map(|x| (x as f32 + 0.5) / STRATA as f32);
-                let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
-                let flat = tangent * cos + normal.cross(tangent) * sin;
-                flat * u.sqrt() + normal * (1.0 - u).sqrt()
-            };
-            let rays = (0..STRATA * STRATA).map(|k| surfels.ray(i, way(k) * reach));
-            let seen = visibility.visible(&rays.collect::<Vec<_>>())?;
-            let share = seen.iter().filter(|&&v| v).count() as f64 / seen.len() as f64;
-            direct[k].0 += scene.sky.as_dvec3() * share;
-        }
+fn against_exact_sums(truth: &PointTruth, lit: &Illumination) -> [f64; 2] {
+    let exact = truth.of(&lit.map.irradiance);
+    let mut direct = vec![DVec3::ZERO; lit.map.irradiance.len()];
+    for (&point, h) in lit.surfels.points.iter().zip(&lit.direct) {
+        direct[point as usize] = *h;
     }
     let [mut errors, mut norms] = [[0.0; 2]; 2];
-    for (k, &i) in chosen.iter().enumerate() {
-        let truth = [direct[k].0 + bounced[k].0, bounced[k].0];
-        let found = [irradiance[i], irradiance[i] - lit.direct[i]];
+    for (k, point) in truth.points().enumerate() {
+        let truth = [exact.all[k], exact.reflected[k]];
+        let whole = lit.map.irradiance[point].as_dvec3();
+        let found = [whole, whole - direct[point]];
         for part in 0..2 {
             errors[part] += (found[part] - truth[part]).length_squared();
             norms[part] += truth[part].length_squared();
         }
     }
-    Ok([0, 1].map(|part| (errors[part] / norms[part]).sqrt()))
+    [0, 1].map(|part| (errors[part] / norms[part]).sqrt())
 }
 
 /// The solution by exact sums: of each point the irradiance and the reflected part of it.

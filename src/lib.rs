@@ -61,6 +61,8 @@
 //! 8. [`map`] hands the light of the surfels to the points of the cloud; [`output`] writes it to
 //!    files, [`render`] takes a picture, [`mod@compare`] says how far two maps are apart.
 //!
+//! [`chart`] measures all ways of doing it, one against the other.
+//!
 //! # Units
 //!
 //! Lengths are in the unit of the scan, areas in its square. Light is linear RGB in any unit:
@@ -99,6 +101,9 @@ pub mod map;
 pub mod output;
 pub mod render;
 pub mod solve;
+
+// Speed against accuracy.
+pub mod chart;
 
 // Used all along the way.
 pub mod cgroup;

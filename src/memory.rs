@@ -9,6 +9,10 @@ use crate::error::{Error, Result};
 /// Largest resident size of this process so far, in bytes; `None` where the system does not tell.
 #[cfg(unix)]
 pub fn peak_bytes() -> Option<u64> {
+    // What getrusage tells on Linux goes back to the process that started this one.
+    if let Some(bytes) = told("/proc/self/status", "VmHWM:") {
+        return Some(bytes);
+    }
     let mut usage = std::mem::MaybeUninit::<libc::rusage>::uninit();
     // SAFETY: getrusage fills the struct that it is given; it is read only on success.
     let usage = unsafe {
@@ -35,15 +39,19 @@ pub fn peak_bytes() -> Option<u64> {
 /// Bytes of memory that can be taken without swapping, and within the limits of a container, where the
 /// system tells (Linux), otherwise `None`.
 pub fn available() -> Option<u64> {
-    [free_of_all(), cgroup::left(Path::new("/"))]
-        .into_iter()
-        .flatten()
-        .min()
+    [
+        told("/proc/meminfo", "MemAvailable:"),
+        cgroup::left(Path::new("/")),
+    ]
+    .into_iter()
+    .flatten()
+    .min()
 }
 
-fn free_of_all() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
+/// Bytes that a file of Linux tells under a name.
+fn told(path: &str, name: &str) -> Option<u64> {
+    let text = std::fs::read_to_string(path).ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix(name))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kib * 1024)
 }

@@ -3,6 +3,7 @@
 mod adapters;
 mod asked;
 mod backend;
+mod chart;
 mod compare;
 mod info;
 mod outputs;
@@ -40,6 +41,7 @@ enum Command {
     Plan(plan::Args),
     Info(info::Args),
     Compare(compare::Args),
+    Chart(chart::Args),
     Adapters(adapters::Args),
 }
 
@@ -58,6 +60,7 @@ pub fn run() -> ExitCode {
         Command::Plan(args) => plan::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Chart(args) => chart::run(&args),
         Command::Adapters(_) => adapters::run(),
     };
     match result {

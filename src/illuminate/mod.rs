@@ -24,6 +24,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 pub use self::checkpoint::Checkpoint;
+use self::geometry::Geometry;
 pub use self::options::{Backend, DEFAULT_TOLERANCE, Method, Occlusion, Options};
 pub(crate) use self::options::{check, tolerance};
 pub use self::quantiles::Interval;
@@ -32,9 +33,12 @@ use self::stats::Stats;
 pub use self::transport::Transport;
 use crate::error::Result;
 use crate::map::IlluminationMap;
-use crate::points::Surfels;
+use crate::octree::LEAF_SIZE;
+use crate::plan::Plan;
+use crate::points::{PointCloud, Surfels};
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::visibility::Occluders;
 
 /// The map and what it took.
 #[derive(Clone, Debug, Default)]
@@ -63,4 +67,19 @@ pub fn illuminate(
     progress: &dyn Progress,
 ) -> Result<Illumination> {
     Transport::once(scene, options, backend, progress)?.illuminate(scene, progress)
+}
+
+/// The surfels that solves with occlusion make of a cloud, and what stands in the way.
+pub(crate) fn prepared(
+    cloud: &PointCloud,
+    progress: &dyn Progress,
+) -> Result<(Arc<Surfels>, Arc<Occluders>)> {
+    let plan = Plan {
+        tolerance: DEFAULT_TOLERANCE,
+        leaf_size: LEAF_SIZE,
+        ..Plan::default()
+    };
+    let (geometry, _) = Geometry::prepare(cloud, &Options::default(), &plan, progress)?;
+    let occluders = geometry.occluders.expect("occlusion is the default");
+    Ok((geometry.surfels, occluders))
 }

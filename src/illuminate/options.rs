@@ -1,7 +1,7 @@
 //! What can be asked for, and what is refused.
 
 use glam::{DVec3, Vec3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::RAYS;
 use crate::error::{Error, Result};
@@ -9,7 +9,7 @@ use crate::points::Thinning;
 use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
 
 /// How the transport operator is applied.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     /// Exact sum over all pairs of surfels, in f64 on the CPU: the truth, for small clouds.
