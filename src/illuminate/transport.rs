@@ -24,6 +24,9 @@ use crate::visibility::{
     Visibility,
 };
 
+/// Mean row sum above which areas do not fit the surface. A closed room has 1.
+const CROWDED: f64 = 1.1;
+
 /// How light goes between the points of one cloud. Found once, it serves many lights.
 ///
 /// Who sees whom does not depend on the light. With the method [`Fmm`](Method::Fmm) the links that
@@ -256,6 +259,20 @@ impl Transport {
             progress.note("the rays miss the tolerance: links instead");
             repairs.clone_from(&geometry.repairs);
             (method, solved) = (Method::Fmm, task.fmm(&mut self.linked, &mut repairs)?);
+        }
+        if solved.irradiance.iter().any(|h| !h.is_finite()) {
+            return Err(Error::Invalid(
+                "the light is not finite: is a light of extreme intensity next to a point?".into(),
+            ));
+        }
+        if let Some(checked) = solved.checked
+            && checked.row_sum.mean > CROWDED
+        {
+            repairs.push(format!(
+                "points see {:.2} times what can be around them: areas, or layers of points, are too \
+                 large for the surface, and the light is too bright",
+                checked.row_sum.mean
+            ));
         }
         let tests = visibility.seconds() + solved.tests + solved.rays.map_or(0.0, |r| r.seconds);
         let checks = solved.checked.map_or(0.0, |c| c.seconds);
