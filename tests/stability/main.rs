@@ -182,7 +182,6 @@ fn density_steps() {
 }
 
 #[test]
-#[ignore = "bounds not confirmed yet"]
 fn units_places_orders() {
     holds_or_says_so(8);
 }
