@@ -7,9 +7,10 @@ use super::Surfels;
 use crate::random::{Purpose, cosine_direction, stream};
 use crate::visibility::{Occluders, first_hit};
 
-/// Rays from a surfel; the first few tell for most.
+/// Rays from a surfel; the first few tell for most: those of which fewer than this meet backs.
 const RAYS: usize = 24;
 const FIRST_RAYS: usize = 8;
+const FIRST_BACKS: usize = 2;
 /// A surfel is buried if more than this part of them meets the back of a surface.
 const BACKS: f64 = 1.0 / 3.0;
 /// Backs nearer than this many sizes of a cell are noise of the own surface.
@@ -52,10 +53,18 @@ fn is_buried(surfels: &Surfels, occluders: &Occluders, reach: f32, i: usize) -> 
         let distance = (surfels.below(k) - surfels.above(i)).dot(other) / way.dot(other);
         !hit.front && distance > near
     };
-    let mut backs = (0..FIRST_RAYS).filter(|_| meets_back()).count();
-    if backs == 0 {
+    let backs = (0..FIRST_RAYS).filter(|_| meets_back()).count();
+    if backs < FIRST_BACKS {
         return false;
     }
-    backs += (FIRST_RAYS..RAYS).filter(|_| meets_back()).count();
-    backs as f64 > BACKS * RAYS as f64
+    // So many of the others must, or must not.
+    let mut wanted = (BACKS * RAYS as f64) as usize + 1;
+    wanted = wanted.saturating_sub(backs);
+    for left in (0..RAYS - FIRST_RAYS).rev() {
+        if wanted == 0 || wanted > left + 1 {
+            break;
+        }
+        wanted -= usize::from(meets_back());
+    }
+    wanted == 0
 }
