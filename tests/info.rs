@@ -108,3 +108,39 @@ fn several_files_are_one_scene() {
         "is the input",
     );
 }
+
+/// A sphere without normals, with a point in the air and one twice: each step is told.
+#[test]
+fn quality_tells_each_step() {
+    let folder = folder();
+    let mut text = String::new();
+    for i in 0..3000 {
+        let z = 1.0 - (2.0 * f64::from(i) + 1.0) / 3000.0;
+        let (s, c) = (2.399_963 * f64::from(i)).sin_cos();
+        let r = (1.0 - z * z).sqrt();
+        text += &format!("{} {} {z}\n", r * c, r * s);
+    }
+    text += "0 0 2\n";
+    let again = text.lines().next().unwrap().to_owned() + "\n";
+    fs::write(folder.path().join("ball.xyz"), text + &again).unwrap();
+    let output = run(folder.path(), "info --quality --json ball.xyz").success();
+    let json: serde_json::Value = serde_json::from_slice(&output.get_output().stdout).unwrap();
+    let quality = &json[0]["quality"];
+    assert_eq!(quality["normals"]["estimated"], 3002);
+    assert_eq!(quality["duplicates"], 1);
+    assert_eq!(quality["strays"], 1);
+    assert_eq!(quality["surfels"], 3000);
+    let number = |value: &serde_json::Value| value.as_f64().unwrap();
+    assert!((number(&quality["area"]) / 12.566 - 1.0).abs() < 0.02);
+    // All is seen of the sky from outside, nothing from inside.
+    assert!(number(&quality["open"]["front"]) > 0.99 && number(&quality["open"]["back"]) < 0.01);
+    let output = run(folder.path(), "info --quality --normals inward ball.xyz").success();
+    let text = String::from_utf8_lossy(&output.get_output().stdout).into_owned();
+    for expected in [
+        "quality   normals: 0 given, 3002 from 16 neighbours each, turned inward",
+        "a closed room, seen from inside",
+    ] {
+        assert!(text.contains(expected), "{text} lacks {expected}");
+    }
+    fails(&folder, "info --normals inward ball.xyz", 2, "--quality");
+}

@@ -2,14 +2,15 @@
 
 use std::path::PathBuf;
 
-use fmmgi_gpu::points::Survey;
+use fmmgi_gpu::points::{Facing, NormalsFound, Openness, Quality, Survey};
 use fmmgi_gpu::scene::{SceneOptions, Source};
-use fmmgi_gpu::{Result, Scene};
+use fmmgi_gpu::{Backend, Options, Progress, Result, Scene, Transport};
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
 use super::Done;
 use super::terminal::{self, Terminal};
+use super::values;
 
 /// Tell what is in scans and scene files, what is missing, and what "solve" would do about it.
 ///
@@ -23,6 +24,13 @@ pub struct Args {
     /// Take the faces of PLY files as the surface, and make points on them
     #[arg(long)]
     mesh: bool,
+    /// Prepare the points as "solve" does, and tell how good they are as a surface; with the last file of a
+    /// scene for all of it
+    #[arg(long)]
+    quality: bool,
+    /// To which side the normals point, as for "solve"
+    #[arg(long, value_name = "SIDE", value_parser = values::facing, default_value = "auto", requires = "quality")]
+    normals: Facing,
     /// Print JSON: a list with an entry for each file, of those in a scene file too
     #[arg(long)]
     json: bool,
@@ -40,6 +48,20 @@ struct Report {
     repairs: Vec<String>,
     /// What is missing, and what is done about it.
     notes: Vec<String>,
+    /// What preparation made of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    quality: Option<Found>,
+}
+
+/// What preparation makes of the points of a scene, step by step.
+#[derive(Serialize)]
+struct Found {
+    normals: NormalsFound,
+    /// What was mended, merged and left out.
+    steps: Vec<String>,
+    #[serde(flatten)]
+    quality: Quality,
+    open: Option<Openness>,
 }
 
 pub fn run(args: &Args) -> Result<Done> {
@@ -52,7 +74,13 @@ pub fn run(args: &Args) -> Result<Done> {
     let mut reports = Vec::new();
     let mut failure = None;
     for path in &args.inputs {
-        let looked = Scene::load(path, &options, &progress).and_then(|scene| look(&scene));
+        let looked = Scene::load(path, &options, &progress).and_then(|mut scene| {
+            let mut reports = look(&scene)?;
+            if let Some(report) = reports.last_mut().filter(|_| args.quality) {
+                report.quality = Some(found(&mut scene, &args.normals, &progress)?);
+            }
+            Ok(reports)
+        });
         progress.finish();
         match looked {
             Ok(of_file) if args.json => reports.extend(of_file),
@@ -99,9 +127,47 @@ fn look(scene: &Scene) -> Result<Vec<Report>> {
                 _ => Vec::new(),
             },
             notes,
+            quality: None,
         })
     };
     scene.sources.iter().enumerate().map(report).collect()
+}
+
+/// Prepares a scene as "solve" does.
+fn found(scene: &mut Scene, facing: &Facing, progress: &dyn Progress) -> Result<Found> {
+    let lamps: Vec<DVec3> = scene.lights.iter().map(|light| light.position).collect();
+    let normals = scene.cloud.estimate_normals(facing, &lamps, progress)?;
+    let transport = Transport::new(scene, &Options::default(), Backend::Cpu, progress)?;
+    Ok(Found {
+        normals,
+        steps: transport.repairs().to_vec(),
+        quality: transport.quality().cloned().unwrap_or_default(),
+        open: transport.openness(),
+    })
+}
+
+impl Found {
+    fn lines(&self) -> Vec<String> {
+        let NormalsFound {
+            given,
+            estimated,
+            neighbours,
+            turned,
+            at_odds,
+        } = &self.normals;
+        let mut lines = vec![match estimated {
+            0 => format!("normals: all {given} {turned}"),
+            _ => format!(
+                "normals: {given} given, {estimated} from {neighbours} neighbours each, {turned}; \
+                 {:.2}% of neighbours point to opposite sides",
+                100.0 * at_odds
+            ),
+        }];
+        lines.extend(self.steps.iter().cloned());
+        lines.extend(self.quality.lines());
+        lines.extend(self.open.map(|open| open.line()));
+        lines
+    }
 }
 
 impl Report {
@@ -131,7 +197,12 @@ impl Report {
         for &scanner in &survey.scanners {
             lines.push(format!("  scanner   {}", place(scanner.into())));
         }
-        for (word, texts) in [("repaired", &self.repairs), ("note", &self.notes)] {
+        let quality = self.quality.as_ref().map(Found::lines).unwrap_or_default();
+        for (word, texts) in [
+            ("repaired", &self.repairs),
+            ("note", &self.notes),
+            ("quality", &quality),
+        ] {
             lines.extend(texts.iter().map(|text| format!("  {word:<9} {text}")));
         }
         lines.join("\n")

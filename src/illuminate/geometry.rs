@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::map::IlluminationMap;
 use crate::octree::Octree;
 use crate::plan::{ORDER, Plan, thinning};
-use crate::points::{self, PointCloud, Prepared, Surfels};
+use crate::points::{self, PointCloud, Prepared, Quality, Surfels};
 use crate::progress::Progress;
 use crate::visibility::Occluders;
 
@@ -29,6 +29,8 @@ pub(super) struct Geometry {
     pub order: usize,
     /// What was left out or merged, with counts.
     pub repairs: Vec<String>,
+    /// How good the cloud is as a surface; not kept in files.
+    pub quality: Option<Quality>,
 }
 
 impl Geometry {
@@ -71,6 +73,7 @@ impl Geometry {
             octree,
             order: plan.order.unwrap_or(ORDER),
             repairs: prepared.repairs,
+            quality: Some(prepared.quality),
         };
         let seconds = Seconds {
             prepare,

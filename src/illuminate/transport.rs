@@ -17,6 +17,7 @@ use crate::links::{Kept, Links, Thresholds};
 use crate::operator::{Fmm, GpuFmm, trial};
 use crate::passes::gpu::{Gpu, GpuPointVisibility, GpuVisibility};
 use crate::plan::{Plan, expanded};
+use crate::points::{Openness, Quality, Surfels};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::visibility::{
@@ -117,6 +118,27 @@ impl Transport {
             plan: Some(plan),
             ..transport
         })
+    }
+
+    /// The surfels that take part, in the order of their octree.
+    pub fn surfels(&self) -> &Surfels {
+        &self.geometry.surfels
+    }
+
+    /// What was mended, merged or left out, with counts.
+    pub fn repairs(&self) -> &[String] {
+        &self.geometry.repairs
+    }
+
+    /// How good the cloud is as a surface; `None` of a transport from a file.
+    pub fn quality(&self) -> Option<&Quality> {
+        self.geometry.quality.as_ref()
+    }
+
+    /// How far the surface is closed; `None` without occlusion.
+    pub fn openness(&self) -> Option<Openness> {
+        let occluders = self.geometry.occluders.as_ref()?;
+        Some(Openness::of(&self.geometry.surfels, occluders))
     }
 
     /// Writes surfels, octree and links to a file, from which they can be [loaded](Transport::load)

@@ -26,6 +26,6 @@ pub(crate) use neighbours::Neighbours;
 pub use orient::Facing;
 pub(crate) use prepare::check;
 pub use prepare::{Prepared, Thinning};
-pub use quality::Quality;
+pub use quality::{Openness, Quality};
 pub use surfels::Surfels;
 pub use survey::Survey;

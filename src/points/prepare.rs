@@ -110,7 +110,6 @@ impl Surfels {
         let unusable = surfel_of_point.iter().filter(|s| s.is_none()).count();
         let mut prepared = Prepared {
             quality: Quality {
-                points: cloud.len(),
                 unusable,
                 duplicates: cloud.len() - unusable - surfels.len(),
                 ..Quality::default()
@@ -120,6 +119,7 @@ impl Surfels {
             surfel_of_point,
             repairs,
         };
+        prepared.quality.count(cloud);
         prepared.thin(thinning, progress)?;
         memory::check_points(prepared.surfels.len() as u64)?;
         let strays = prepared.make_cells(true, progress)?;

@@ -251,6 +251,7 @@ impl Arrays {
             fingerprint: whole(header.fingerprint),
             order: header.order as usize,
             repairs: text.lines().map(str::to_owned).collect(),
+            quality: None,
         };
         Ok((geometry, kept))
     }
