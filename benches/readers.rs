@@ -22,7 +22,7 @@ fn readers(criterion: &mut Criterion) {
     let prepared = Surfels::prepare(&cloud, &Silent).unwrap();
     let places = prepared.places(&prepared.surfels);
     let light = vec![DVec3::ONE; prepared.surfels.len()];
-    let map = IlluminationMap::new(&cloud, &places, &prepared.surfels, &light);
+    let map = IlluminationMap::new(&cloud, &places, &prepared.surfels, &light, &Silent).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let mut group = criterion.benchmark_group("readers");
     group.sample_size(10);

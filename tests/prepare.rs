@@ -109,7 +109,7 @@ fn points_left_out_have_the_light_of_their_place() {
     let mut cloud = joined([floor, wall]);
     assert!(cloud.len() > n);
     // A chequered colour, much finer than the spacing of surfels.
-    let black = |i: usize| i % 2 == 0;
+    let black = |i: usize| i.is_multiple_of(2);
     for (i, r) in cloud.reflectance.iter_mut().enumerate() {
         *r = Vec3::splat(if black(i) { 0.0 } else { 0.8 });
     }

@@ -15,6 +15,9 @@ use crate::output::write_atomic;
 /// Tolerance at which growth is looked at, or the nearest that there is.
 const GROWTH_TOLERANCE: f64 = 0.03;
 
+/// A size: surfels, seconds on the wall and of all threads, bytes.
+pub type Size = (usize, f64, f64, Option<u64>);
+
 /// How one way grows with the number of points.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Growth {
@@ -28,7 +31,7 @@ pub struct Growth {
     pub time_exponent: Option<f64>,
     pub memory_exponent: Option<f64>,
     /// Surfels, seconds, CPU seconds, bytes.
-    pub points: Vec<(usize, f64, f64, Option<u64>)>,
+    pub points: Vec<Size>,
 }
 
 /// What is left to open choice, against the best setting.
@@ -101,13 +104,13 @@ impl Charted {
                 .min_by(|a, b| distance(&a.case).total_cmp(&distance(&b.case)))
                 .expect("there is one");
             let setting = |case: &Case| (case.tolerance, case.order, case.rays);
-            let points: Vec<(usize, f64, f64, Option<u64>)> = of_curve
+            let points: Vec<Size> = of_curve
                 .iter()
                 .filter(|s| setting(&s.case) == setting(&nearest.case))
                 .map(|s| &s.measured)
                 .map(|m| (m.surfels, m.seconds, m.cpu_seconds, m.memory_bytes))
                 .collect();
-            let fit = |of: &dyn Fn(&(usize, f64, f64, Option<u64>)) -> f64| {
+            let fit = |of: &dyn Fn(&Size) -> f64| {
                 exponent(
                     &points
                         .iter()

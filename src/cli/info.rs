@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use fmmgi_gpu::points::{Facing, NormalsFound, Openness, Quality, Survey};
+use fmmgi_gpu::points::{Facing, Openness, Quality, Survey};
 use fmmgi_gpu::scene::{SceneOptions, Source};
 use fmmgi_gpu::{Backend, Options, Progress, Result, Scene, Transport};
 use glam::{DVec3, Vec3};
@@ -56,7 +56,6 @@ struct Report {
 /// What preparation makes of the points of a scene, step by step.
 #[derive(Serialize)]
 struct Found {
-    normals: NormalsFound,
     /// What was mended, merged and left out.
     steps: Vec<String>,
     #[serde(flatten)]
@@ -136,10 +135,9 @@ fn look(scene: &Scene) -> Result<Vec<Report>> {
 /// Prepares a scene as "solve" does.
 fn found(scene: &mut Scene, facing: &Facing, progress: &dyn Progress) -> Result<Found> {
     let lamps: Vec<DVec3> = scene.lights.iter().map(|light| light.position).collect();
-    let normals = scene.cloud.estimate_normals(facing, &lamps, progress)?;
+    scene.cloud.estimate_normals(facing, &lamps, progress)?;
     let transport = Transport::new(scene, &Options::default(), Backend::Cpu, progress)?;
     Ok(Found {
-        normals,
         steps: transport.repairs().to_vec(),
         quality: transport.quality().cloned().unwrap_or_default(),
         open: transport.openness(),
@@ -148,22 +146,7 @@ fn found(scene: &mut Scene, facing: &Facing, progress: &dyn Progress) -> Result<
 
 impl Found {
     fn lines(&self) -> Vec<String> {
-        let NormalsFound {
-            given,
-            estimated,
-            neighbours,
-            turned,
-            at_odds,
-        } = &self.normals;
-        let mut lines = vec![match estimated {
-            0 => format!("normals: all {given} {turned}"),
-            _ => format!(
-                "normals: {given} given, {estimated} from {neighbours} neighbours each, {turned}; \
-                 {:.2}% of neighbours point to opposite sides",
-                100.0 * at_odds
-            ),
-        }];
-        lines.extend(self.steps.iter().cloned());
+        let mut lines = self.steps.clone();
         lines.extend(self.quality.lines());
         lines.extend(self.open.map(|open| open.line()));
         lines

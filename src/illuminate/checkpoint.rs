@@ -67,7 +67,8 @@ impl Checkpoint {
     /// Takes away what was left, once it is of no use any more: after the results are written. The
     /// folder goes too, if nothing else is in it.
     pub fn clear(self) -> Result<()> {
-        for k in 0..self.stages()? {
+        // The last ones first: whatever is left of them can be gone on from.
+        for k in (0..self.stages()?).rev() {
             self.remove(k)?;
         }
         drop(self.lock);
@@ -173,7 +174,7 @@ impl<'a> Stages<'a> {
         let read = || -> io::Result<Option<u64>> {
             let mut from = Hashed::open(path)?;
             let fingerprint = from.fingerprint()?;
-            Ok(from.is_right()?.then_some(fingerprint).flatten())
+            Ok(from.ends_right()?.then_some(fingerprint).flatten())
         };
         match read() {
             Ok(Some(fingerprint)) if fingerprint != self.fingerprint => Err(Error::input(
@@ -315,7 +316,7 @@ impl Hashed<Take<File>> {
     }
 
     /// Whether the rest has the checksum that the file ends with.
-    fn is_right(mut self) -> io::Result<bool> {
+    fn ends_right(mut self) -> io::Result<bool> {
         io::copy(&mut self, &mut io::sink())?;
         let mut checksum = [0; CHECKSUM as usize];
         self.inner.into_inner().read_exact(&mut checksum)?;

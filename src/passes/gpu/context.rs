@@ -104,9 +104,11 @@ impl Gpu {
     pub fn uniform<T: Pod>(&self, what: &str, data: &[T]) -> Result<wgpu::Buffer> {
         let usage = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
         let buffer = self.buffer(what, size_of_val(data), usage)?;
-        self.queue
-            .write_buffer(&buffer, 0, bytemuck::cast_slice(data));
-        Ok(buffer)
+        self.watch(what, || {
+            self.queue
+                .write_buffer(&buffer, 0, bytemuck::cast_slice(data));
+            Ok(buffer)
+        })
     }
 
     /// A buffer to read results from.

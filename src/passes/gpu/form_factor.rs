@@ -75,9 +75,12 @@ impl GpuFormFactors {
         let (input, output) = &*self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
         for pairs in pairs.chunks(self.most) {
             let words: Vec<[u32; 2]> = pairs.iter().map(|&(i, j)| [i, j]).collect();
-            self.gpu
-                .queue
-                .write_buffer(input, 0, bytemuck::cast_slice(&words));
+            self.gpu.watch("form factors", || {
+                self.gpu
+                    .queue
+                    .write_buffer(input, 0, bytemuck::cast_slice(&words));
+                Ok(())
+            })?;
             let pieces = Pieces::new(&self.gpu, pairs.len() as u32, |_| WORK)?;
             let resources = [
                 self.cells.binding(),
