@@ -219,6 +219,7 @@ fn against_path_tracing(name: &str) -> (f64, f64) {
     let traced = Room::load(name).irradiance(&receivers, Bounces::All, 4096);
     let truth: Vec<f64> = traced.iter().map(|e| e.irradiance.x).collect();
     // Two halves of 32² strata each.
+    let reach = surfels.reach();
     let half = |i: usize, seed: u64| {
         let mut random = random(2 * i as u64 + seed);
         let light = (0..1024 * 2).filter_map(|k| {
@@ -227,7 +228,7 @@ fn against_path_tracing(name: &str) -> (f64, f64) {
             let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
             let aside = u.sqrt() * (cos * a + sin * b);
             let way = aside + (1.0 - u).sqrt() * surfels.normals[i];
-            let hit = first_hit::<f32>(&case.occluders, &surfels.ray(i, way * surfels.reach()))?;
+            let hit = first_hit::<f32>(&case.occluders, &surfels.ray(i, way * reach))?;
             let from = hit.surfel as usize;
             let reflected = surfels.reflectance[from].x * known.irradiance[point(from)].x;
             hit.front.then_some(f64::from(reflected))
