@@ -74,7 +74,7 @@ fn a_lost_device_is_an_error_whenever_it_is_lost() {
 fn a_device_without_the_memory_is_an_error() {
     let small = limited(
         wgpu::Limits {
-            max_texture_dimension_2d: 2048,
+            max_texture_dimension_2d: 8192,
             max_buffer_size: 1 << 16,
             max_storage_buffer_binding_size: 1 << 16,
             ..Default::default()

@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{self, BufWriter};
+use std::mem::ManuallyDrop;
 use std::path::Path;
 
 use glam::DVec3;
@@ -75,7 +76,9 @@ pub fn write_las(
 fn write(file: &File, lit: Lit, grid: &Grid, nowhere: DVec3, compressed: bool) -> las::Result<()> {
     let header = header(grid, compressed)?.into_header()?;
     let records = PointDataBuilder::new().for_header(&header);
-    let mut writer = Writer::new(BufWriter::with_capacity(1 << 16, file.try_clone()?), header)?;
+    let buffer = BufWriter::with_capacity(1 << 16, file.try_clone()?);
+    // Dropped after an error it would write once more, and panic: it is left as it is.
+    let mut writer = ManuallyDrop::new(Writer::new(buffer, header)?);
     let stride = FIXED + EXTRA.iter().map(|(.., size)| size).sum::<usize>();
     let n = lit.len();
     for begin in (0..n).step_by(BLOCK) {
@@ -85,8 +88,9 @@ fn write(file: &File, lit: Lit, grid: &Grid, nowhere: DVec3, compressed: bool) -
         });
         writer.write_points(&records.clone().build_from_bytes(bytes)?)?;
     }
-    // Closed by hand: dropping it would lose the error.
-    writer.into_inner()?.into_inner().map_err(io::Error::from)?;
+    writer.close()?;
+    let buffer = ManuallyDrop::into_inner(writer).into_inner()?;
+    buffer.into_inner().map_err(io::Error::from)?;
     Ok(())
 }
 
