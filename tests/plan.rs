@@ -76,10 +76,7 @@ fn nothing_is_chosen_that_cannot_do_it() {
     // For many lights links are kept, rays would be cast for each.
     let many = Plan::for_many(&cave, &wanted, &Backend::Cpu).unwrap();
     assert_ne!(many.method, Method::Gather);
-    // Rays meet cells, whatever the file says of areas; and they see nothing that is black.
-    let mut with_areas = cave.clone();
-    with_areas.cloud.areas = vec![0.01; cave.cloud.len()];
-    not_rays(&with_areas, &wanted);
+    // They see nothing that is black.
     let mut black = cave.clone();
     black.cloud.reflectance.fill(Vec3::ZERO);
     not_rays(&black, &wanted);
@@ -88,7 +85,7 @@ fn nothing_is_chosen_that_cannot_do_it() {
 /// The solve does what the plan says, and keeps the tolerance by whatever method.
 #[test]
 fn a_plan_is_followed() {
-    for (name, points, tolerance) in [("cornell", 300, 0.03), ("cave", 10_000, 0.1)] {
+    for (name, points, tolerance) in [("cornell", 300, 0.03), ("cave", 20_000, 0.2)] {
         let (scene, options) = (scene(name, points), options(tolerance));
         let stats = solve(&scene, &options);
         let followed = stats.plan.as_ref().unwrap();

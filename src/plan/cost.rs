@@ -95,7 +95,7 @@ const BY_RAYS: f64 = 0.75;
 /// 8,779; too little to be seen in the other scenes.
 const LIMIT: f64 = 48.0;
 /// Part of the tolerance that this may be.
-const LARGEST_LIMIT: f64 = 0.7;
+const LARGEST_LIMIT: f64 = 0.8;
 /// Fewest rays that are worth while.
 const LEAST_RAYS: f64 = 16.0;
 /// Points of the parts that tell the error of the model, at most.

@@ -136,7 +136,7 @@ impl Plan {
             threads: rayon::current_num_threads(),
             sketch: Sketch::of(scene, open, options.seed),
         };
-        let (method, why) = choose(scene, options, backend, &job, free, many);
+        let (method, why) = choose(options, backend, &job, free, many);
         let (order, leaf_size) = expansions(options, method, tolerance, surfels, backend)?;
         let rays = options
             .rays
@@ -329,12 +329,11 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
     }
 }
 
-/// Rays leave noise in the picture, and may have to be followed by links: they count so many times.
-const NOISY: f64 = 1.2;
+/// Rays come in powers of two, and may have to be followed by links: they count so many times.
+const NOISY: f64 = 2.0;
 
 /// The method that is taken, and why. Who asks for an order wants expansions.
 fn choose(
-    scene: &Scene,
     options: &Options,
     backend: &Backend,
     job: &Job,
@@ -352,13 +351,11 @@ fn choose(
         return (Method::Fmm, why.into());
     }
     let mut candidates = vec![(Method::Direct, 0), (Method::Fmm, 0)];
-    // Rays meet cells, whatever areas the file has.
     let bounces = options.max_bounces != Some(0);
     if let Some(rays) = job.rays()
         && !many
         && !job.open
         && bounces
-        && scene.cloud.areas.is_empty()
     {
         candidates.push((Method::Gather, rays));
     }

@@ -62,7 +62,7 @@ pub fn table(section: &Section, rows: &[(Case, Vec<Outcome>)]) -> String {
 fn percent(x: f64) -> String {
     match 100.0 * x {
         0.0 => "0".into(),
-        p if p < 0.01 || p >= 1000.0 => format!("{p:.0e}%"),
+        p if !(0.01..1000.0).contains(&p) => format!("{p:.0e}%"),
         p if p < 10.0 => format!("{p:.2}%"),
         p => format!("{p:.0}%"),
     }
