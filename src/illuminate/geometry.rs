@@ -59,7 +59,7 @@ impl Geometry {
             let buried = points::buried(&surfels, of_all);
             if !buried.is_empty() {
                 let points: Vec<u32> = buried.iter().map(|&s| surfels.points[s as usize]).collect();
-                prepared.leave_out_buried(&points, progress)?;
+                prepared.leave_out_buried(&points)?;
                 (octree, surfels, occluders) = build(&prepared);
             }
         }

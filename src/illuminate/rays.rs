@@ -44,11 +44,13 @@ pub(super) struct Rays {
 
 impl Task<'_> {
     /// Lights per surfel, then rays for what is reflected: more and more of them, until the tolerance
-    /// is met, or they are in vain, or the memory is full; or just as many as are `wanted`.
+    /// is met, or they are in vain, or would have to be more than `most`, or the memory is full; or just
+    /// as many as are `wanted`.
     pub fn gather(
         &self,
         occluders: &Occluders,
         wanted: Option<u32>,
+        most: Option<u32>,
         repairs: &mut Vec<String>,
         solve: Solve,
     ) -> Result<Solved> {
@@ -97,8 +99,8 @@ impl Task<'_> {
             };
             let last = best.replace((solved, verified));
             let in_vain = last.is_some_and(|(_, last)| verified.bound() > STUCK * last.bound());
-            let most = rays == *RAYS.end() || wanted.is_some();
-            if verified.met || in_vain || most || !bounced.ended.converged {
+            let all = rays == *RAYS.end() || wanted.is_some();
+            if verified.met || in_vain || all || !bounced.ended.converged {
                 break;
             }
             let wrong = verified.bound() / (AIM * verified.tolerance);
@@ -106,8 +108,11 @@ impl Task<'_> {
                 lights *= (1.0 / wrong).clamp(0.3, 0.8);
                 direct = self.direct_light(lights, Some(&smoother), &mut Vec::new())?;
             }
-            let more = wrong.powf(1.0 / POWER).clamp(2.0, MOST_MORE);
-            let next = (f64::from(rays) * more) as u32;
+            let more = wrong.powf(1.0 / POWER).max(2.0);
+            if most.is_some_and(|most| f64::from(rays) * more > f64::from(most)) {
+                break;
+            }
+            let next = (f64::from(rays) * more.min(MOST_MORE)) as u32;
             let next = next.next_power_of_two().min(*RAYS.end());
             if let Err(why) = check_memory(next) {
                 self.progress.note(&format!("no more rays: {why}"));

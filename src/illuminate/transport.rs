@@ -367,7 +367,8 @@ impl Transport {
         };
         match (self.method, &self.geometry.occluders) {
             (Method::Gather, Some(occluders)) => {
-                task.gather(occluders, self.options.rays, repairs, &solve)
+                let most = self.plan.as_ref().and_then(|plan| plan.most_rays);
+                task.gather(occluders, self.options.rays, most, repairs, &solve)
             }
             (Method::Classic, _) => {
                 let test = Thresholds::default().point;

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::Rows;
@@ -13,8 +14,12 @@ use crate::progress::Progress;
 use crate::random::{Purpose, Stratified, cosine_direction, stream};
 use crate::visibility::{Occluders, first_hit};
 
-/// Surfels whose rays are cast by one thread at a time.
+/// Surfels whose links are made by one thread at a time.
 const CHUNK: usize = 64;
+/// Rays that are sorted by direction: so many of neighbours go the same way through the same memory.
+const SORTED: usize = 1 << 14;
+/// Parts of each axis that directions are sorted by.
+const DIRECTIONS: f32 = 16.0;
 /// Rays, or links, between two looks at whether the work should stop.
 const BLOCK: usize = 1 << 20;
 
@@ -35,16 +40,28 @@ pub fn gather<T: Real>(
     progress: &dyn Progress,
 ) -> Result<Rows> {
     let reach = surfels.reach();
-    let met = |i: usize, sources: &mut Vec<u32>| {
-        let points = Stratified::new(&mut stream(seed, Purpose::Rays, i as u64));
-        let (normal, tangent) = (surfels.normals[i], surfels.cells.tangents[i]);
-        let hits = numbers.clone().filter_map(|k| {
-            let [u, v] = points.get(k);
-            let ray = surfels.ray(i, cosine_direction(normal, tangent, u, v) * reach);
-            first_hit::<T>(occluders, &ray).filter(|hit| hit.front)
-        });
-        sources.extend(hits.map(|hit| hit.surfel));
-        sources.sort_unstable();
+    // Where each of the rays of some surfels begins, what it meets, if anything, and from which side.
+    let met = |chunk: Range<usize>| {
+        let mut rays: Vec<(u32, u32, Vec3)> = Vec::with_capacity(chunk.len() * numbers.len());
+        for i in chunk {
+            let points = Stratified::new(&mut stream(seed, Purpose::Rays, i as u64));
+            let (normal, tangent) = (surfels.normals[i], surfels.cells.tangents[i]);
+            rays.extend(numbers.clone().map(|k| {
+                let [u, v] = points.get(k);
+                let way = cosine_direction(normal, tangent, u, v);
+                (direction(way), i as u32, way)
+            }));
+        }
+        rays.sort_unstable_by_key(|&(direction, i, _)| (direction, i));
+        let mut links: Vec<(u32, u32)> = (rays.into_iter())
+            .filter_map(|(_, i, way)| {
+                let ray = surfels.ray(i as usize, way * reach);
+                let hit = first_hit::<T>(occluders, &ray).filter(|hit| hit.front)?;
+                Some((i, hit.surfel))
+            })
+            .collect();
+        links.sort_unstable();
+        links
     };
     let n = surfels.len();
     let weight = 1.0 / numbers.len() as f32;
@@ -53,23 +70,31 @@ pub fn gather<T: Real>(
     for block in blocks(0..n, surfels_at_once(numbers.len())) {
         progress.check()?;
         let done = block.len() as u64;
-        let chunks: Vec<_> = blocks(block, CHUNK).collect();
+        let chunks: Vec<_> = blocks(block, (SORTED / numbers.len()).max(1)).collect();
         parts.par_extend(chunks.into_par_iter().map(|chunk| {
             let mut part = Part::default();
-            let mut sources = Vec::with_capacity(numbers.len());
-            for i in chunk {
-                sources.clear();
-                met(i, &mut sources);
-                for same in sources.chunk_by(|a, b| a == b) {
-                    part.push(i as u32, same[0]);
-                    part.weights.push(same.len() as f32 * weight);
-                }
+            for same in met(chunk).chunk_by(|a, b| a == b) {
+                let (target, source) = same[0];
+                part.push(target, source);
+                part.weights.push(same.len() as f32 * weight);
             }
             part
         }));
         progress.advance(done);
     }
     Rows::gather(n, parts)
+}
+
+/// The place of a unit vector on a curve that stays among its like (Morton order).
+fn direction(way: Vec3) -> u32 {
+    let parts = (way + 1.0) * (0.5 * DIRECTIONS);
+    let [x, y, z] = parts
+        .to_array()
+        .map(|x| (x as u32).min(DIRECTIONS as u32 - 1));
+    (0..4).fold(0, |code, bit| {
+        let of = |x: u32, place: u32| (x >> bit & 1) << (3 * bit + place);
+        code | of(x, 0) | of(y, 1) | of(z, 2)
+    })
 }
 
 /// The mean of two lists of links whose rows are in the order of their sources. Of weights that are

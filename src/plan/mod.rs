@@ -41,6 +41,9 @@ pub struct Plan {
     /// Rays from each surfel that are expected, with the method `Gather`: as many are cast as the measured
     /// error asks for.
     pub rays: Option<u32>,
+    /// Rays from each surfel beyond which links are expected to take less time, if those may be taken
+    /// instead.
+    pub most_rays: Option<u32>,
     /// Where the passes run: "cpu" or "gpu".
     pub backend: String,
     pub threads: usize,
@@ -152,6 +155,8 @@ impl Plan {
             order: expanded(method).then_some(order),
             leaf_size,
             rays: (method == Method::Gather).then_some(rays),
+            most_rays: (method == Method::Gather && options.method == Method::Auto)
+                .then(|| job.most_rays(rays)),
             backend: match backend {
                 Backend::Cpu => "cpu".into(),
                 Backend::Gpu { .. } => "gpu".into(),

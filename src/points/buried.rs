@@ -9,8 +9,8 @@ use crate::visibility::{Occluders, first_hit};
 
 /// Rays from a surfel; the first few tell for most: those of which fewer than this meet backs.
 const RAYS: usize = 24;
-const FIRST_RAYS: usize = 8;
-const FIRST_BACKS: usize = 2;
+const FIRST_RAYS: usize = 4;
+const FIRST_BACKS: usize = 1;
 /// A surfel is buried if more than this part of them meets the back of a surface.
 const BACKS: f64 = 1.0 / 3.0;
 /// Backs nearer than this many sizes of a cell are noise of the own surface.

@@ -41,6 +41,8 @@ pub(super) struct Cell {
     pub crowd: f64,
     /// How far positions and normals of those of similar one disagree, as a slope; 1 without any.
     pub slope: f64,
+    /// Distance of the farthest neighbour.
+    pub reach: f64,
 }
 
 /// A cell reaches no farther than this many spacings: as far as cells of random points do.
@@ -115,6 +117,7 @@ impl Cell {
             .take(6)
             .map(|n| 0.5 * (normal + n.normal).dot(n.offset).abs() / n.offset.length());
         Cell {
+            reach: neighbours.last().map_or(0.0, |n| n.offset.length()),
             depth: (HEXAGON * area * bend).max(0.0),
             tangent,
             corners: polygon.bounded(),

@@ -1,9 +1,9 @@
 //! From a cloud to surfels: what is repaired, moved, merged and left out.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::cells::Cell;
+use super::cells::{Cell, MAX_EDGES};
 use super::neighbours::Neighbours;
 use super::rule::SurfaceRule;
 use super::select::select;
@@ -59,6 +59,10 @@ pub struct Prepared {
     pub quality: Quality,
     /// Areas of the surfels in the cloud; 0 where it has none.
     given_areas: Vec<f32>,
+    /// What the cells are made by.
+    rule: SurfaceRule,
+    /// Distance of the farthest neighbour that a cell is made from.
+    reach: Vec<f32>,
 }
 
 /// Cells made between two looks at whether the work should stop.
@@ -115,6 +119,8 @@ impl Surfels {
                 ..Quality::default()
             },
             given_areas: surfels.areas.clone(),
+            rule: SurfaceRule::default(),
+            reach: vec![0.0; surfels.len()],
             surfels,
             surfel_of_point,
             repairs,
@@ -122,13 +128,10 @@ impl Surfels {
         prepared.quality.count(cloud);
         prepared.thin(thinning, progress)?;
         memory::check_points(prepared.surfels.len() as u64)?;
-        let strays = prepared.make_cells(true, progress)?;
+        let strays = prepared.make_cells(progress)?;
         if !strays.is_empty() {
             prepared.quality.strays = strays.len();
             prepared.leave_out(&strays)?;
-            prepared.make_cells(false, progress)?;
-        }
-        if prepared.quality.strays > 0 {
             prepared.repairs.push(format!(
                 "{} points that belong to no surface: lit, but in nobody's way",
                 prepared.quality.strays
@@ -157,7 +160,7 @@ impl Prepared {
     ///
     /// # Errors
     /// Those of [`Surfels::prepare`].
-    pub fn leave_out_buried(&mut self, points: &[u32], progress: &dyn Progress) -> Result<()> {
+    pub fn leave_out_buried(&mut self, points: &[u32]) -> Result<()> {
         let mut is_buried = vec![false; self.surfel_of_point.len()];
         points.iter().for_each(|&p| is_buried[p as usize] = true);
         let of_surfel = |&s: &u32| is_buried[self.surfels.points[s as usize] as usize];
@@ -171,7 +174,6 @@ impl Prepared {
             buried.len()
         ));
         self.leave_out(&buried)?;
-        self.make_cells(false, progress)?;
         self.quality.measure(&self.surfels);
         Ok(())
     }
@@ -201,8 +203,9 @@ impl Prepared {
         out.iter()
             .zip(found)
             .for_each(|(&i, heir)| heirs[i as usize] = heir);
+        let gone: Vec<Vec3> = out.iter().map(|&i| positions[i as usize]).collect();
         self.hand_over(&heirs);
-        Ok(())
+        self.mend_cells(&gone)
     }
 
     /// As few surfels as are asked for, or are enough; those that go leave their areas, colours and normals
@@ -288,82 +291,131 @@ impl Prepared {
         for surfel in self.surfel_of_point.iter_mut().flatten() {
             *surfel = place[heirs[*surfel as usize] as usize];
         }
-        self.given_areas = kept.iter().map(|&i| self.given_areas[i as usize]).collect();
+        let of_kept = |all: &[f32]| kept.iter().map(|&i| all[i as usize]).collect();
+        self.given_areas = of_kept(&self.given_areas);
+        self.reach = of_kept(&self.reach);
         self.surfels = self.surfels.reordered(&kept);
     }
 
-    /// Cells, missing areas, offsets; returns the indices of strays. At `first` points and normals that
-    /// scatter are smoothed.
-    fn make_cells(&mut self, first: bool, progress: &dyn Progress) -> Result<Vec<u32>> {
+    /// Points and normals that scatter are smoothed; then cells, missing areas, offsets. Returns the
+    /// indices of strays.
+    fn make_cells(&mut self, progress: &dyn Progress) -> Result<Vec<u32>> {
         let surfels = &mut self.surfels;
         let n = surfels.len();
         progress.stage("cells", n as u64);
         let mut positions = std::mem::take(&mut surfels.positions);
         let mut neighbours = Neighbours::new(&positions)?;
         let mut rule = SurfaceRule::measure(&surfels.normals, &neighbours);
-        if first {
-            let scattered = rule.noise;
-            self.quality.noise = rule.noise;
-            self.quality.scatter = rule.roughness.atan().to_degrees();
-            for _ in 0..MOVES {
-                let Some(moved) = settled(&positions, &surfels.normals, &neighbours, &rule) else {
-                    break;
-                };
-                drop(neighbours);
-                positions = moved;
-                neighbours = Neighbours::new(&positions)?;
-                rule = SurfaceRule::measure(&surfels.normals, &neighbours);
-            }
-            if rule.noise < scattered {
-                self.repairs.push(format!(
-                    "points that scatter about their surface: moved onto it, from {scattered:.2} to \
-                     {:.2} spacings off",
-                    rule.noise
-                ));
-            }
-            if let Some((normals, smoother)) = smoothed(&surfels.normals, &neighbours, &rule) {
-                self.repairs.push(format!(
-                    "normals that scatter: smoothed, from {:.1} to {:.1} degrees off the positions",
-                    rule.roughness.atan().to_degrees(),
-                    smoother.roughness.atan().to_degrees()
-                ));
-                (surfels.normals, rule) = (normals, smoother);
-            }
+        let scattered = rule.noise;
+        self.quality.noise = rule.noise;
+        self.quality.scatter = rule.roughness.atan().to_degrees();
+        for _ in 0..MOVES {
+            let Some(moved) = settled(&positions, &surfels.normals, &neighbours, &rule) else {
+                break;
+            };
+            drop(neighbours);
+            positions = moved;
+            neighbours = Neighbours::new(&positions)?;
+            rule = SurfaceRule::measure(&surfels.normals, &neighbours);
         }
+        if rule.noise < scattered {
+            self.repairs.push(format!(
+                "points that scatter about their surface: moved onto it, from {scattered:.2} to {:.2} \
+                 spacings off",
+                rule.noise
+            ));
+        }
+        if let Some((normals, smoother)) = smoothed(&surfels.normals, &neighbours, &rule) {
+            self.repairs.push(format!(
+                "normals that scatter: smoothed, from {:.1} to {:.1} degrees off the positions",
+                rule.roughness.atan().to_degrees(),
+                smoother.roughness.atan().to_degrees()
+            ));
+            (surfels.normals, rule) = (normals, smoother);
+        }
+        self.rule = rule;
         let mut cells: Vec<Cell> = Vec::with_capacity(n);
         while cells.len() < n {
             progress.check()?;
             let block = cells.len()..(cells.len() + BLOCK).min(n);
             let made = block.len() as u64;
-            cells.par_extend(block.into_par_iter().map_init(
-                || Vec::with_capacity(NEIGHBOURS),
-                |near, i| {
-                    neighbours.find(i, NEIGHBOURS, &surfels.normals, near);
-                    let size = f64::from(self.given_areas[i]).max(0.0).sqrt();
-                    Cell::new(surfels.normals[i].as_dvec3(), near, &rule, size)
-                },
-            ));
+            cells.par_extend(self.cells_of(&neighbours, block.into_par_iter()));
             progress.advance(made);
         }
-        let mut strays = strays(&positions, &neighbours, &cells, rule.roughness)?;
+        let mut strays = strays(&positions, &neighbours, &cells, self.rule.roughness)?;
+        drop(neighbours);
+        let surfels = &mut self.surfels;
+        surfels.positions = positions;
         // A lamp may be as small as a point.
         strays.retain(|&i| surfels.emission[i as usize] == Vec3::ZERO);
-        surfels.occluder_scale = rule.scale as f32;
-        surfels.offsets = cells
-            .iter()
-            .map(|c| (rule.offset * c.spacing) as f32)
-            .collect();
-        surfels.depths = cells.iter().map(|c| c.depth as f32).collect();
-        surfels.areas = (self.given_areas.iter().zip(&cells))
-            .map(|(&given, cell)| if given > 0.0 { given } else { cell.area as f32 })
-            .collect();
+        surfels.occluder_scale = self.rule.scale as f32;
+        surfels.areas = vec![0.0; n];
+        surfels.offsets = vec![0.0; n];
+        surfels.depths = vec![0.0; n];
         surfels.cells = Cells {
-            tangents: cells.iter().map(|c| c.tangent.as_vec3()).collect(),
-            corners: cells.iter().map(|c| c.corners).collect(),
+            tangents: vec![Vec3::ZERO; n],
+            corners: vec![[Vec2::ZERO; MAX_EDGES]; n],
         };
-        drop(neighbours);
-        surfels.positions = positions;
+        cells
+            .iter()
+            .enumerate()
+            .for_each(|(i, cell)| self.set(i, cell));
         Ok(strays)
+    }
+
+    /// Makes the cells anew of which a neighbour is gone: those places are theirs now.
+    fn mend_cells(&mut self, gone: &[Vec3]) -> Result<()> {
+        let positions = std::mem::take(&mut self.surfels.positions);
+        let holes = Neighbours::new(gone)?;
+        let next_to_hole = |&i: &usize| {
+            let place = positions[i];
+            let nearest = holes.around(place, 1);
+            nearest
+                .iter()
+                .any(|&k| gone[k as usize].distance(place) <= self.reach[i])
+        };
+        let torn: Vec<usize> = (0..positions.len())
+            .into_par_iter()
+            .filter(next_to_hole)
+            .collect();
+        let neighbours = Neighbours::new(&positions)?;
+        let cells: Vec<Cell> = self
+            .cells_of(&neighbours, torn.par_iter().copied())
+            .collect();
+        drop(neighbours);
+        self.surfels.positions = positions;
+        torn.into_iter()
+            .zip(&cells)
+            .for_each(|(i, cell)| self.set(i, cell));
+        Ok(())
+    }
+
+    fn cells_of<'a>(
+        &'a self,
+        neighbours: &'a Neighbours,
+        which: impl IndexedParallelIterator<Item = usize> + 'a,
+    ) -> impl IndexedParallelIterator<Item = Cell> + 'a {
+        let normals = &self.surfels.normals;
+        which.map_init(
+            || Vec::with_capacity(NEIGHBOURS),
+            |near, i| {
+                neighbours.find(i, NEIGHBOURS, normals, near);
+                let size = f64::from(self.given_areas[i]).max(0.0).sqrt();
+                Cell::new(normals[i].as_dvec3(), near, &self.rule, size)
+            },
+        )
+    }
+
+    /// Gives a surfel its cell and what follows from it.
+    fn set(&mut self, i: usize, cell: &Cell) {
+        let surfels = &mut self.surfels;
+        let given = self.given_areas[i];
+        surfels.areas[i] = if given > 0.0 { given } else { cell.area as f32 };
+        surfels.offsets[i] = (self.rule.offset * cell.spacing) as f32;
+        surfels.depths[i] = cell.depth as f32;
+        surfels.cells.tangents[i] = cell.tangent.as_vec3();
+        surfels.cells.corners[i] = cell.corners;
+        self.reach[i] = cell.reach as f32;
     }
 }
 

@@ -18,6 +18,7 @@ const OFFSET_OF_ROUGHNESS: f64 = 4.0;
 
 /// How far the surface can be trusted: the one rule by which cells, occluders and segments follow
 /// the cloud's noise.
+#[derive(Default)]
 pub(super) struct SurfaceRule {
     /// How far positions and normals disagree, as a slope.
     pub roughness: f64,
