@@ -34,14 +34,21 @@ mod seconds {
     pub const PREPARE: f64 = 1.2e-5;
     /// A point in the octree and among what is in the way.
     pub const OCTREE: f64 = 3e-6;
-    /// A segment, with the links that it is tested for.
+    /// A segment that lights take.
     pub const SEGMENT: [f64; 2] = [3.3e-7, 1.2e-6];
+    /// A segment that links take, with those.
+    pub const LINK: f64 = 1e-6;
+    /// A point of 20,000 whose light is smoothed, with its neighbours; by this power of their number.
+    pub const SMOOTH: f64 = 3.5e-5;
+    pub const BY_SMOOTHED: f64 = -0.2;
     /// A point's links where no segment is tested, an order of the expansions.
     pub const OPEN: f64 = 1e-5;
     /// A point's light from 10,000 that all shine, at a tolerance of 0.03.
     pub const SHINING: f64 = 2.5e-4;
-    /// A ray and its part in the solution.
-    pub const RAY: [f64; 2] = [3.7e-7, 1.5e-6];
+    /// A ray and its part in the solution, among 20,000 points; among more by this power of their number,
+    /// as fewer of them are in the caches.
+    pub const RAY: [f64; 2] = [8e-7, 1.2e-6];
+    pub const BY_CACHES: f64 = 0.25;
     /// A pair of exact sums.
     pub const PAIR: [f64; 2] = [6.5e-8, 2e-7];
     /// A verification at least, and a point of the parts that tell the error of the model.
@@ -57,8 +64,9 @@ mod bytes {
     pub const PREPARE: f64 = 900.0;
     /// A point in the octree and among what is in the way.
     pub const OCTREE: f64 = 240.0;
-    /// A segment that links took, on average: most make none.
-    pub const SEGMENT: f64 = 5.0;
+    /// A point whose light is smoothed, and a segment that links took, on average: most make none.
+    pub const SMOOTH: f64 = 700.0;
+    pub const SEGMENT: f64 = 4.0;
     /// A point's links where no segment is tested.
     pub const OPEN: f64 = 500.0;
     /// A point's light where all shine.
@@ -71,29 +79,29 @@ mod bytes {
     pub const MODEL: f64 = 1200.0;
 }
 
-/// Segments a point of 10,000 that links take at a tolerance of 0.03 and a contrast of 1: of flat
-/// surfaces, of curved ones, and what of those grows with the square of what is hidden.
-const SEGMENTS: [f64; 3] = [178.0, 120.0, 5000.0];
+/// Segments a point of 20,000 that links take at a tolerance of 0.03 and a contrast of 1: of flat
+/// surfaces, of curved ones, and what of those grows with the fourth power of what is hidden.
+const SEGMENTS: [f64; 3] = [45.0, 80.0, 26_000.0];
 /// They grow as this power of the contrast,
 const BY_CONTRAST: f64 = 0.6;
-/// and fall as these powers of the number of points, of flat and of curved surfaces.
-const BY_POINTS: [f64; 2] = [0.8, 0.3];
+/// and fall as this power of the number of points, the less, the more of what is curved is hidden.
+const BY_POINTS: f64 = 0.55;
+const BY_HOLLOW: f64 = 1.1;
 /// They grow as this power of 1 / tolerance, down to 0.03 and below, where more rounds are needed.
 const BY_TOLERANCE: [f64; 2] = [1.05, 1.7];
 /// Segments a point for light from surfels that shine.
-const EMITTED: f64 = 20.0;
+const EMITTED: f64 = 5.0;
 /// Light of surfaces that shine all over takes longer by these powers of 1 / tolerance and of the number
 /// of points, and by the square of their part of all.
 const BY_SHINING: [f64; 2] = [0.25, 0.3];
-/// Error of the reflected light that one ray leaves, in units of the contrast, when what it brings is
-/// smoothed: 64 rays do in a cave of 105,000 points at 0.025.
-const NOISE: f64 = 0.4;
+/// Upper bound of the error of the reflected light that one ray leaves, in units of the contrast, when what
+/// it brings is smoothed.
+const NOISE: f64 = 0.65;
 /// The noise of rays falls as this power of their number.
 const BY_RAYS: f64 = 0.75;
 /// What rays without number are off by, in units of 1 / root of the number of points, where all is
-/// curved and hidden (it grows with the cube of that): 12% in the cave of 1,749 points, 5.7% in that of
-/// 8,779; too little to be seen in the other scenes.
-const LIMIT: f64 = 48.0;
+/// curved and hidden: 8% in the cave of 2,600 points, 3% in that of 17,500, 4% in organic of 3,000.
+const LIMIT: f64 = 8.2;
 /// Part of the tolerance that this may be.
 const LARGEST_LIMIT: f64 = 0.8;
 /// Fewest rays that are worth while.
@@ -121,7 +129,7 @@ impl Job {
             contrast,
             ..
         } = self.sketch;
-        let limit = LIMIT * curved * hidden.powi(3) / (self.surfels.max(1) as f64).sqrt();
+        let limit = LIMIT * curved * hidden / (self.surfels.max(1) as f64).sqrt();
         if contrast == 0.0 || limit > LARGEST_LIMIT * self.tolerance {
             return None;
         }
@@ -147,7 +155,8 @@ impl Job {
             Method::Classic => (2.0 * n * n * pair, n * n * bytes::PAIR),
             Method::Gather => {
                 let rays = n * f64::from(rays);
-                (rays * between(seconds::RAY), rays * bytes::RAY)
+                let caches = (n / 2e4).max(1.0).powf(seconds::BY_CACHES);
+                (rays * between(seconds::RAY) * caches, rays * bytes::RAY)
             }
             Method::Fmm | Method::Auto if !reflects => (0.0, 0.0),
             Method::Fmm | Method::Auto if self.open => {
@@ -156,9 +165,14 @@ impl Job {
             }
             Method::Fmm | Method::Auto => {
                 let segments = n * self.segments();
-                (segments * segment, segments * bytes::SEGMENT)
+                (segments * seconds::LINK, segments * bytes::SEGMENT)
             }
         };
+        let smoothed = match method {
+            Method::Fmm | Method::Gather if reflects && !self.open => n,
+            _ => 0.0,
+        };
+        let smooth = seconds::SMOOTH * (n / 2e4).powf(seconds::BY_SMOOTHED);
         let model = match method {
             Method::Fmm | Method::Gather => n.min(MODEL),
             _ => 0.0,
@@ -185,6 +199,7 @@ impl Job {
                 shining * bytes::SHINING,
             ),
             stage("links", work, held),
+            stage("smoothing", smoothed * smooth, smoothed * bytes::SMOOTH),
             stage("verification", verified, model * bytes::MODEL),
         ];
         if self.normals {
@@ -227,11 +242,12 @@ impl Job {
             contrast,
             ..
         } = self.sketch;
-        let points = self.surfels as f64 / 1e4;
         let [flat, bent, of_hidden] = SEGMENTS;
-        let bent = bent + of_hidden * hidden * hidden;
-        let of_scene = (flat * points.powf(-BY_POINTS[0])).powf(1.0 - curved)
-            * (bent * points.powf(-BY_POINTS[1])).powf(curved)
+        let bent = bent + of_hidden * hidden.powi(4);
+        let by_points = (BY_POINTS - BY_HOLLOW * curved * hidden).max(0.0);
+        let of_scene = flat.powf(1.0 - curved)
+            * bent.powf(curved)
+            * (self.surfels as f64 / 2e4).powf(-by_points)
             * contrast.powf(BY_CONTRAST);
         let ratio = 0.03 / self.tolerance;
         let [above, below] = BY_TOLERANCE;

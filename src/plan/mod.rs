@@ -335,7 +335,7 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
 }
 
 /// Rays come in powers of two, and may have to be followed by links: they count so many times.
-const NOISY: f64 = 2.0;
+const NOISY: f64 = 1.3;
 
 /// The method that is taken, and why. Who asks for an order wants expansions.
 fn choose(

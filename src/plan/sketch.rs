@@ -60,6 +60,7 @@ impl Sketch {
             // The light was too small to be among the few.
             sketch.contrast = USUAL_CONTRAST;
         }
+        sketch.contrast *= overlooked(scene);
         Sketch {
             shining: shining as f64 / cloud.len().max(1) as f64,
             sky,
@@ -132,6 +133,38 @@ fn curved(surfels: &Surfels) -> f64 {
         .collect();
     let curved = cosines.iter().filter(|cosine| CURVED.contains(*cosine));
     (IN_SIGHT * curved.count() as f64 / cosines.len().max(1) as f64).min(1.0)
+}
+
+/// How much larger the contrast of the lamps' light is, as bright spots close to them are not among the few
+/// points that are looked at.
+fn overlooked(scene: &Scene) -> f64 {
+    let positions = &scene.cloud.positions;
+    let light = |p: &DVec3| -> f64 {
+        let lamps = scene.lights.iter();
+        lamps
+            .map(|lamp| {
+                f64::from(lamp.intensity.element_sum()) / lamp.position.distance_squared(*p)
+            })
+            .sum()
+    };
+    let step = positions.len().div_ceil(POINTS).max(1);
+    let mut sums = [[0.0; 3]; 2];
+    for (i, p) in positions.iter().enumerate() {
+        let light = light(p);
+        if light.is_finite() {
+            let some = i % step == 0;
+            for sums in &mut sums[..=usize::from(some)] {
+                *sums = [sums[0] + 1.0, sums[1] + light, sums[2] + light * light];
+            }
+        }
+    }
+    let [all, some] = sums.map(|[count, sum, squares]| count * squares / (sum * sum));
+    let ratio = (all / some).sqrt();
+    if ratio.is_finite() {
+        ratio.max(1.0)
+    } else {
+        1.0
+    }
 }
 
 /// Every so many points, as if they were the whole cloud. Normals that are missing are found among
