@@ -73,7 +73,7 @@ pub struct Asked {
     #[arg(long, value_name = "S", value_parser = values::positive)]
     spacing: Option<f64>,
     /// Thin out evenly to no more than this many points; without it, and without --spacing, clouds of many
-    /// more points than the tolerance needs (a million at 0.03) are thinned out to as many
+    /// more points than the tolerance needs (300,000 at 0.03) are thinned out to as many
     #[arg(long, value_name = "N")]
     max_points: Option<NonZeroUsize>,
 }

@@ -9,7 +9,7 @@ use super::even::even;
 use super::linked::Linked;
 use super::model::{Lit, model_error};
 use super::task::{DirectLight, ROUGH_ERROR, ROUGH_RESIDUAL, Solved, Task, counts};
-use super::verify::{Claim, Verified, Verifier};
+use super::verify::{Claim, SPREAD, Verified, Verifier};
 use super::work::{Bounced, Work};
 use crate::error::{Error, Result};
 use crate::links::{Links, SLACK};
@@ -36,8 +36,6 @@ const OF_MODEL: f64 = 1.0 / 3.0;
 const STUCK: f64 = 0.95;
 /// What a refinement aims at, in units of what would just do.
 const AIM: f64 = 0.9;
-/// Upper bound of an error over the error, as a rule.
-const SPREAD: f64 = 1.3;
 /// Bounds of the factor on what is allowed from one round to the next.
 const STEP: [f64; 2] = [0.03, 0.7];
 

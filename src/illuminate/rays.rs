@@ -44,13 +44,11 @@ pub(super) struct Rays {
 
 impl Task<'_> {
     /// Lights per surfel, then rays for what is reflected: more and more of them, until the tolerance
-    /// is met, or they are in vain, or would have to be more than `most`, or the memory is full; or just
-    /// as many as are `wanted`.
+    /// is met, or they are in vain, or the memory is full; or just as many as are `wanted`.
     pub fn gather(
         &self,
         occluders: &Occluders,
         wanted: Option<u32>,
-        most: Option<u32>,
         repairs: &mut Vec<String>,
         solve: Solve,
     ) -> Result<Solved> {
@@ -87,6 +85,9 @@ impl Task<'_> {
                 "{rays} rays from each point, lights within {lights:.1e}: {verified}"
             ));
             start = Some(bounced.reflected);
+            let last = best.take().map(|(_, last)| last);
+            let in_vain =
+                !verified.met && last.is_some_and(|last| verified.likely() > STUCK * last.likely());
             let solved = Solved {
                 direct: direct.irradiance.clone(),
                 irradiance: bounced.irradiance,
@@ -95,23 +96,20 @@ impl Task<'_> {
                 verified: Some(verified),
                 model_error: model,
                 links: counts(&links),
+                in_vain,
                 ..Solved::default()
             };
-            let last = best.replace((solved, verified));
-            let in_vain = last.is_some_and(|(_, last)| verified.bound() > STUCK * last.bound());
+            best = Some((solved, verified));
             let all = rays == *RAYS.end() || wanted.is_some();
             if verified.met || in_vain || all || !bounced.ended.converged {
                 break;
             }
-            let wrong = verified.bound() / (AIM * verified.tolerance);
+            let wrong = verified.likely() / (AIM * verified.tolerance);
             if verified.direct.value > 0.5 * verified.total.rel_l2.value {
                 lights *= (1.0 / wrong).clamp(0.3, 0.8);
                 direct = self.direct_light(lights, Some(&smoother), &mut Vec::new())?;
             }
             let more = wrong.powf(1.0 / POWER).max(2.0);
-            if most.is_some_and(|most| f64::from(rays) * more > f64::from(most)) {
-                break;
-            }
             let next = (f64::from(rays) * more.min(MOST_MORE)) as u32;
             let next = next.next_power_of_two().min(*RAYS.end());
             if let Err(why) = check_memory(next) {

@@ -67,6 +67,8 @@ pub(super) struct Solved {
     pub verification: f64,
     /// Seconds of tests of other kinds than segments.
     pub tests: f64,
+    /// Whether more of the same would not have met the tolerance.
+    pub in_vain: bool,
 }
 
 /// Irradiance straight from the lights.

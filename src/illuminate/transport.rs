@@ -276,9 +276,8 @@ impl Transport {
                 (method, solved)
             }
         };
-        let missed = solved.verified.is_some_and(|error| !error.met);
-        if missed && method == Method::Gather && self.options.method == Method::Auto {
-            progress.note("the rays miss the tolerance: links instead");
+        if solved.in_vain && method == Method::Gather && self.options.method == Method::Auto {
+            progress.note("more rays are in vain: links instead");
             repairs.clone_from(&geometry.repairs);
             (method, solved) = (Method::Fmm, task.fmm(&mut self.linked, &mut repairs)?);
         }
@@ -367,8 +366,7 @@ impl Transport {
         };
         match (self.method, &self.geometry.occluders) {
             (Method::Gather, Some(occluders)) => {
-                let most = self.plan.as_ref().and_then(|plan| plan.most_rays);
-                task.gather(occluders, self.options.rays, most, repairs, &solve)
+                task.gather(occluders, self.options.rays, repairs, &solve)
             }
             (Method::Classic, _) => {
                 let test = Thresholds::default().point;

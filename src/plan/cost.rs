@@ -208,16 +208,6 @@ impl Job {
         Cost { stages }
     }
 
-    /// Rays, no fewer than these, that take no longer than links.
-    pub fn most_rays(&self, rays: u32) -> u32 {
-        let links = self.cost(Method::Fmm, 0).seconds();
-        let doubled = (0..).map(|k| rays << k);
-        let last = doubled.skip(1).take_while(|&rays| {
-            rays <= *RAYS.end() && self.cost(Method::Gather, rays).seconds() <= links
-        });
-        last.last().unwrap_or(rays)
-    }
-
     /// Segments a point that its lights take.
     fn lights(&self) -> f64 {
         let strata = self.tolerance.powf(-2.0 / 3.0).clamp(4.0, 64.0);

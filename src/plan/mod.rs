@@ -41,9 +41,6 @@ pub struct Plan {
     /// Rays from each surfel that are expected, with the method `Gather`: as many are cast as the measured
     /// error asks for.
     pub rays: Option<u32>,
-    /// Rays from each surfel beyond which links are expected to take less time, if those may be taken
-    /// instead.
-    pub most_rays: Option<u32>,
     /// Where the passes run: "cpu" or "gpu".
     pub backend: String,
     pub threads: usize,
@@ -155,8 +152,6 @@ impl Plan {
             order: expanded(method).then_some(order),
             leaf_size,
             rays: (method == Method::Gather).then_some(rays),
-            most_rays: (method == Method::Gather && options.method == Method::Auto)
-                .then(|| job.most_rays(rays)),
             backend: match backend {
                 Backend::Cpu => "cpu".into(),
                 Backend::Gpu { .. } => "gpu".into(),
@@ -334,8 +329,9 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
     }
 }
 
-/// Rays come in powers of two, and may have to be followed by links: they count so many times.
-const NOISY: f64 = 1.3;
+/// Links of rough scans take longer than expected, and more rays than expected add to those that are
+/// there: rays count so many times.
+const RAYS_FIRST: f64 = 0.8;
 
 /// The method that is taken, and why. Who asks for an order wants expansions.
 fn choose(
@@ -370,12 +366,12 @@ fn choose(
     // What does not fit comes last.
     let order = |(method, cost): &(Method, Cost)| {
         let too_large = free.is_some_and(|free| cost.bytes() > free);
-        let noisy = if *method == Method::Gather {
-            NOISY
+        let weight = if *method == Method::Gather {
+            RAYS_FIRST
         } else {
             1.0
         };
-        (too_large, noisy * cost.seconds())
+        (too_large, weight * cost.seconds())
     };
     costs.sort_by(|a, b| {
         let (a, b) = (order(a), order(b));

@@ -52,6 +52,8 @@ const BORDER_GAP: f64 = 130.0 / 180.0 * PI;
 /// Neighbours as near as this, in spacings, count for that: a gap in a smaller circle may be the
 /// chance of random points.
 const BORDER_RANGE: f64 = 3.0;
+/// Neighbours as near as this, in spacings, are the same place seen twice, as by two scans.
+const TWIN: f64 = 0.5;
 /// Neighbours that face away further than this belong to the other side of a thin wall.
 const OTHER_SIDE: f64 = -0.9;
 /// Square of the distance of its corners from the middle of a regular hexagon, in its area: 2 / 3√3.
@@ -89,7 +91,9 @@ impl Cell {
         for n in neighbours.iter().filter(similar) {
             let height = n.offset.dot(normal);
             let t = flat(n.offset);
-            if height.abs() < 0.7 * n.offset.length() {
+            let length = n.offset.length();
+            // What lies across the surface, unless it is the same place twice, which both share.
+            if height.abs() < 0.7 * length || length < TWIN * spacing {
                 polygon.clip(t, 0.5 * t.length_squared());
             }
         }
