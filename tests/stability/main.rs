@@ -140,7 +140,6 @@ fn holds_or_says_so(section: usize) {
 }
 
 #[test]
-#[ignore = "bounds not confirmed yet"]
 fn coincident_points() {
     holds_or_says_so(0);
 }
@@ -156,7 +155,6 @@ fn edges() {
 }
 
 #[test]
-#[ignore = "bounds not confirmed yet"]
 fn thin_walls() {
     holds_or_says_so(3);
 }
@@ -187,13 +185,11 @@ fn units_places_orders() {
 }
 
 #[test]
-#[ignore = "bounds not confirmed yet"]
 fn white_rooms() {
     holds_or_says_so(9);
 }
 
 #[test]
-#[ignore = "bounds not confirmed yet"]
 fn lamps() {
     holds_or_says_so(10);
 }
@@ -204,13 +200,11 @@ fn point_lights() {
 }
 
 #[test]
-#[ignore = "bounds not confirmed yet"]
 fn areas() {
     holds_or_says_so(12);
 }
 
 #[test]
-#[ignore = "bounds not confirmed yet"]
 fn normals_noise_outliers() {
     holds_or_says_so(13);
 }

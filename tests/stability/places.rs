@@ -37,9 +37,9 @@ fn first(truth: &[f64], all: usize) -> Truth {
     Truth::Known(truth)
 }
 
-const TWINS: &str = "Known issue: points at exactly one place are merged, but of two that are a little apart \
-    those that lie more across the surface than along it do not share it: both cells are whole, a third of \
-    the surface counts twice, and light that is reflected grows with it. Thin such scans with `--spacing`.";
+const TWINS: &str = "Points nearer to each other than half a spacing are one place seen twice, and share it. The \
+    farther apart they are, the more of the surface is missed between their cells: 5% of the light at 0.3 \
+    spacings. Thin such scans with `--spacing`.";
 const OWN_AREAS: &str = "Known issue: where each of two scans of the same surface brings areas of its own, the \
     surface counts twice: of points at one place areas are added. Leave the areas out of scans that overlap; \
     `row_sum` in the stats is far above 1 where they are too large.";
@@ -57,8 +57,11 @@ pub fn coincident() -> Vec<Case> {
     for apart in [1e-4, 0.1, 0.3] {
         let name = format!("every point twice, {apart} spacings apart");
         let both = joined([room.clone(), shaken(&room, apart)]);
-        let case = Case::new(name, both, truth()).expect(Wrong(0.3));
-        cases.push(case.but(Way::Gather, Wrong(0.2)).remedy(TWINS));
+        let case = Case::new(name, both, truth()).remedy(TWINS);
+        cases.push(match apart > 0.2 {
+            true => case.expect(Within(0.12)).but(Way::Gather, NotMet),
+            false => case,
+        });
     }
     // Each of two scans brings the areas of its own points.
     let mut measured = room;
@@ -67,7 +70,7 @@ pub fn coincident() -> Vec<Case> {
         let name = format!("two scans with areas, {apart} spacings apart");
         let both = joined([measured.clone(), shaken(&measured, apart)]);
         let case = Case::new(name, both, truth()).expect(Wrong(5.0));
-        cases.push(case.but(Way::Gather, Wrong(0.5)).remedy(OWN_AREAS));
+        cases.push(case.but(Way::Gather, NotMet).remedy(OWN_AREAS));
     }
     cases
 }

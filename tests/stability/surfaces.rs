@@ -6,6 +6,9 @@ use crate::clouds::{joined, moved, rotation};
 use crate::harness::*;
 use crate::rooms::{Rect, Sampling, inside_of, points, rect};
 
+const NO_WALL: &str = "Two sides at one place are no wall: cells end where they meet, and some light comes through. Exact sums \
+    are off by 27% there; what links and rays find is smoothed, and stays within 3%.";
+
 /// A dark room beside a lit one, turned out of the axes. What the lit room has alone is the truth of
 /// its points, and no light that of the others.
 pub fn walls() -> Vec<Case> {
@@ -23,7 +26,15 @@ pub fn walls() -> Vec<Case> {
         truth.resize(lit.len() + dark.len(), 0.0);
         let both = moved(&joined([lit, dark]), rotation(3), 1.0, DVec3::ZERO);
         let name = format!("a wall of {thickness} spacings");
-        Case::new(name, both, Truth::Known(truth))
+        let case = Case::new(name, both, Truth::Known(truth));
+        if thickness > 0.25 {
+            return case;
+        }
+        let case = case.but(Way::Classic, Within(0.08)).remedy(NO_WALL);
+        match thickness > 0.0 {
+            true => case,
+            false => case.but(Way::Direct, Within(0.3)),
+        }
     };
     [5.0, 2.0, 1.0, 0.5, 0.25, 0.0].map(wall).into()
 }
