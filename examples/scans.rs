@@ -21,13 +21,14 @@ use fmmgi_gpu::points::Facing;
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
 use fmmgi_gpu::visibility::{CpuVisibility, Occluders};
-use fmmgi_gpu::{Backend, Options, Result, Scene, Transport, memory, render};
+use fmmgi_gpu::{Backend, Method, Options, Result, Scene, Transport, memory, render};
 
 /// Stands before the file and the picture that a process of its own is for.
 const ONE: &str = "--one";
 const SIZE: [u32; 2] = [480, 360];
 /// Enough for a picture.
 const TOLERANCE: f64 = 0.1;
+const RAYS: u32 = 16;
 /// Irradiance from the sky, beside that of about 1 from the lamp.
 const SKY: f32 = 0.3;
 /// How far the lamp hangs over the camera, of the way to what that looks at.
@@ -99,6 +100,8 @@ fn row(path: &Path, picture: Option<&Path>) -> Result<()> {
     (scene.cloud).estimate_normals(&Facing::Auto, &[], &Silent)?;
     let options = Options {
         tolerance: Some(TOLERANCE),
+        method: Method::Gather,
+        rays: Some(RAYS),
         ..Options::default()
     };
     let mut transport = Transport::new(&scene, &options, Backend::Cpu, &Silent)?;

@@ -9,7 +9,7 @@ use super::even::even;
 use super::linked::Linked;
 use super::model::{Lit, model_error};
 use super::task::{DirectLight, ROUGH_ERROR, ROUGH_RESIDUAL, Solved, Task, counts};
-use super::verify::{Claim, SPREAD, Verified, Verifier};
+use super::verify::{Claim, Verified, Verifier, likely};
 use super::work::{Bounced, Work};
 use crate::error::{Error, Result};
 use crate::links::{Links, SLACK};
@@ -293,10 +293,7 @@ impl Effort {
     fn refined(self, verified: &Verified, history: &[(f64, f64)], open: bool) -> Effort {
         let mut next = self;
         // How much smaller an error has to be, so that its upper bound, too, is within the tolerance.
-        // One point that is far off makes the bound, but not the error, very large.
-        let too_large = |error: super::Interval| {
-            error.high.min(SPREAD * error.value) / (AIM * verified.tolerance)
-        };
+        let too_large = |error: super::Interval| likely(error) / (AIM * verified.tolerance);
         let of_all = too_large(verified.total.rel_l2);
         let direct = verified.direct.value / verified.total.rel_l2.value.max(f64::MIN_POSITIVE);
         let reflected = verified.reflected.map_or(0.0, |r| too_large(r.rel_l2));

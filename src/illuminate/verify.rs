@@ -81,9 +81,8 @@ impl Verified {
         self.total.rel_l2.high.max(reflected)
     }
 
-    /// The same as it is as a rule: one point that is far off makes the bound, but not the error, very large.
+    /// The same, as it is as a rule.
     pub(super) fn likely(&self) -> f64 {
-        let likely = |error: Interval| error.high.min(SPREAD * error.value);
         let reflected = self.reflected.map_or(0.0, |part| likely(part.rel_l2));
         likely(self.total.rel_l2).max(reflected)
     }
@@ -115,6 +114,12 @@ impl fmt::Display for Verified {
     }
 }
 
+/// Upper bound of an error, as it is as a rule: one point that is far off makes the bound, but not the error,
+/// very large.
+pub(super) fn likely(error: Interval) -> f64 {
+    error.high.min(SPREAD * error.value)
+}
+
 /// What a solution is verified with.
 pub struct Verifier<'a> {
     pub surfels: &'a Surfels,
@@ -127,7 +132,7 @@ pub struct Verifier<'a> {
 }
 
 /// Upper bound of an error over the error, as a rule.
-pub(super) const SPREAD: f64 = 1.3;
+const SPREAD: f64 = 1.3;
 /// Surfels that are looked at, at most and at least.
 const RECEIVERS: [usize; 2] = [1000, 200];
 /// Draws of an estimate, on average, at a tolerance of 0.03: its noise should be as large as the error.
