@@ -311,10 +311,10 @@ fn a_killed_program_ends_with_the_same_bytes() {
     let clock = Instant::now();
     let code = start("whole.ply", &[]).wait().unwrap().code();
     assert!(matches!(code, Some(0 | 4)), "{code:?}");
-    let whole = clock.elapsed();
+    let mut whole = clock.elapsed();
 
     let mut rng = random(5);
-    let (mut kills, mut resumed) = (0, 0);
+    let (mut kills, mut resumed, mut lucky) = (0, 0, 0);
     let ended = loop {
         let mut run = start("lit.ply", &["--checkpoint", "kept"]);
         if kills < 12 {
@@ -331,7 +331,13 @@ fn a_killed_program_ends_with_the_same_bytes() {
         );
         if output.status.code().is_some() {
             assert_eq!(output.status.code(), code, "{told}");
-            break told;
+            if resumed > 0 {
+                break told;
+            }
+            // It came through before the first kill: the whole run was slow for another reason.
+            lucky += 1;
+            assert!(lucky < 10, "no run found a stage");
+            whole = whole.mul_f64(0.7);
         }
         // If it came so far, it is whole.
         let [lit, expected] =
@@ -339,7 +345,6 @@ fn a_killed_program_ends_with_the_same_bytes() {
         assert!(lit.is_err() || lit.unwrap() == expected.unwrap());
     };
     println!("{kills} kills, {resumed} runs went on: {ended}");
-    assert!(resumed > 0, "no run found a stage");
     let [lit, expected] = ["lit.ply", "whole.ply"].map(|name| fs::read(folder.path().join(name)));
     assert!(lit.unwrap() == expected.unwrap());
     // What is of no use any more is gone.

@@ -50,7 +50,7 @@ mod seconds {
     pub const RAY: [f64; 2] = [8e-7, 1.2e-6];
     pub const BY_CACHES: f64 = 0.25;
     /// A pair of exact sums.
-    pub const PAIR: [f64; 2] = [6.5e-8, 2e-7];
+    pub const PAIR: [f64; 2] = [1.9e-7, 3.3e-7];
     /// A verification at least, and a point of the parts that tell the error of the model.
     pub const VERIFIED: f64 = 0.08;
     pub const MODEL: f64 = 1.5e-5;
