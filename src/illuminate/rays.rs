@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::even::even;
 use super::fmm::budget;
 use super::task::{Solve, Solved, Task, counts};
-use super::verify::{Verified, likely};
+use super::verify::Verified;
 use super::work::Bounced;
 use crate::error::Result;
 use crate::links::{self, Links, Rows};
@@ -104,11 +104,10 @@ impl Task<'_> {
             if verified.met || in_vain || all || !bounced.ended.converged {
                 break;
             }
-            let too_large = |error: f64| error / (AIM * verified.tolerance);
-            let wrong = too_large(verified.likely());
-            let in_all = too_large(likely(verified.total.rel_l2));
-            if verified.direct.value > 0.5 * verified.total.rel_l2.value && in_all > 1.0 {
-                lights *= (1.0 / in_all).clamp(0.3, 0.8);
+            let wrong = verified.likely() / (AIM * verified.tolerance);
+            // Where lights are wrong, so is what is reflected of them.
+            if verified.direct.value > 0.5 * verified.total.rel_l2.value {
+                lights *= (1.0 / wrong).clamp(0.3, 0.8);
                 direct = self.direct_light(lights, Some(&smoother), &mut Vec::new())?;
             }
             let more = wrong.powf(1.0 / POWER).max(2.0);

@@ -281,7 +281,7 @@ impl Transport {
             repairs.clone_from(&geometry.repairs);
             (method, solved) = (Method::Fmm, task.fmm(&mut self.linked, &mut repairs)?);
         }
-        if solved.irradiance.iter().any(|h| !h.is_finite()) {
+        if solved.irradiance.iter().any(|h| !h.as_vec3().is_finite()) {
             return Err(Error::Invalid(
                 "the light is not finite: is a light of extreme intensity next to a point?".into(),
             ));

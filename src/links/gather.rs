@@ -9,6 +9,7 @@ use super::Rows;
 use super::csr::Part;
 use crate::error::Result;
 use crate::math::Real;
+use crate::octree::morton;
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::random::{Purpose, Stratified, cosine_direction, stream};
@@ -42,7 +43,7 @@ pub fn gather<T: Real>(
     let reach = surfels.reach();
     // Where each of the rays of some surfels begins, what it meets, if anything, and from which side.
     let met = |chunk: Range<usize>| {
-        let mut rays: Vec<(u32, u32, Vec3)> = Vec::with_capacity(chunk.len() * numbers.len());
+        let mut rays: Vec<(u64, u32, Vec3)> = Vec::with_capacity(chunk.len() * numbers.len());
         for i in chunk {
             let points = Stratified::new(&mut stream(seed, Purpose::Rays, i as u64));
             let (normal, tangent) = (surfels.normals[i], surfels.cells.tangents[i]);
@@ -86,15 +87,10 @@ pub fn gather<T: Real>(
 }
 
 /// The place of a unit vector on a curve that stays among its like (Morton order).
-fn direction(way: Vec3) -> u32 {
+fn direction(way: Vec3) -> u64 {
     let parts = (way + 1.0) * (0.5 * DIRECTIONS);
-    let [x, y, z] = parts
-        .to_array()
-        .map(|x| (x as u32).min(DIRECTIONS as u32 - 1));
-    (0..4).fold(0, |code, bit| {
-        let of = |x: u32, place: u32| (x >> bit & 1) << (3 * bit + place);
-        code | of(x, 0) | of(y, 1) | of(z, 2)
-    })
+    let last = Vec3::splat(DIRECTIONS - 1.0);
+    morton(parts.min(last).as_u64vec3().to_array())
 }
 
 /// The mean of two lists of links whose rows are in the order of their sources. Of weights that are

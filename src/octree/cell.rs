@@ -65,9 +65,14 @@ pub(crate) fn codes(positions: &[Vec3]) -> impl IndexedParallelIterator<Item = u
     let last = DVec3::splat(cells - 1.0);
     positions.par_iter().map(move |&p| {
         let cell = (p - low).as_dvec3() / size * cells;
-        let [x, y, z] = cell.min(last).as_u64vec3().to_array().map(spread);
-        x | y << 1 | z << 2
+        morton(cell.min(last).as_u64vec3().to_array())
     })
+}
+
+/// The Morton code of a cell's place, of the lowest 21 bits along each axis.
+pub(crate) fn morton(place: [u64; 3]) -> u64 {
+    let [x, y, z] = place.map(spread);
+    x | y << 1 | z << 2
 }
 
 /// The lowest 21 bits, two zeros between each and the next.

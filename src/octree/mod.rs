@@ -8,7 +8,7 @@ mod measure;
 mod stored;
 
 pub use cell::Cell;
-pub(crate) use cell::codes as morton_codes;
+pub(crate) use cell::{codes as morton_codes, morton};
 pub use facet::Facet;
 pub(crate) use stored::StoredFacet;
 
