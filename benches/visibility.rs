@@ -3,7 +3,7 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use fmmgi_gpu::chart::stages::segments;
-use fmmgi_gpu::links;
+use fmmgi_gpu::links::{self, Close};
 use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::passes::gpu::{Gpu, GpuVisibility, adapter};
 use fmmgi_gpu::progress::Silent;
@@ -65,7 +65,9 @@ fn visibility(criterion: &mut Criterion) {
         let mut group = criterion.benchmark_group(format!("{name} {points}, rays"));
         group.throughput(Throughput::Elements(u64::from(RAYS) * surfels.len() as u64));
         group.sample_size(10);
-        let gather = || links::gather::<f32>(&surfels, &occluders, 0..RAYS, 1, &Silent).unwrap();
+        let close = Close::none(&surfels);
+        let gather =
+            || links::gather::<f32>(&surfels, &occluders, &close, 0..RAYS, 1, &Silent).unwrap();
         group.bench_function("cpu", |b| b.iter(gather));
         group.finish();
     }

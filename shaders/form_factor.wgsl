@@ -79,13 +79,14 @@ fn pass_edge(walk: ptr<function, Walk>, normal: vec3<f32>, a: vec3<f32>, b: vec3
 fn polygon_form_factor(normal: vec3<f32>, r: vec3<f32>, n: vec3<f32>, j: u32) -> f32 {
     let tangent = reals(cells(j * CELL_TEXELS + 2u)).xyz;
     let bitangent = cross(n, tangent);
+    let scale = 1.0 / length(r); // as areas are squared, which must stay in the range of f32
     var walk: Walk;
     var first: vec3<f32>;
     var last: vec3<f32>;
     for (var k = 0u; k < 4u; k++) {
         let two = reals(cells(j * CELL_TEXELS + 3u + k));
-        let a = r + (tangent * two.x + bitangent * two.y);
-        let b = r + (tangent * two.z + bitangent * two.w);
+        let a = (r + (tangent * two.x + bitangent * two.y)) * scale;
+        let b = (r + (tangent * two.z + bitangent * two.w)) * scale;
         if k == 0u {
             first = a;
         } else {

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use closed_forms::{parallel, perpendicular};
 use common::{random, scene};
-use fmmgi_gpu::links::{self, Rows};
+use fmmgi_gpu::links::{self, Close, Rows};
 use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
 use fmmgi_gpu::operator::{Direct, TransportOperator, exact_irradiance};
 use fmmgi_gpu::passes::cpu;
@@ -40,7 +40,11 @@ impl Case {
     }
 
     fn rays(&self, numbers: std::ops::Range<u32>, seed: u64) -> Rows {
-        links::gather::<f32>(&self.surfels, &self.occluders, numbers, seed, &Silent).unwrap()
+        let Case {
+            surfels, occluders, ..
+        } = self;
+        let close = Close::none(surfels);
+        links::gather::<f32>(surfels, occluders, &close, numbers, seed, &Silent).unwrap()
     }
 }
 
@@ -181,6 +185,35 @@ fn perpendicular_plates() {
     );
 }
 
+/// Rays meet cells where sums take points: close pairs, taken as sums take them, bring the limit of many
+/// rays nearer to exact sums, and no more light than there is. (Measured: organic 2.5% without, 1.5% with
+/// them; cave 7.8% and 3.8%.)
+#[test]
+fn close_pairs_bring_rays_to_exact_sums() {
+    for name in ["organic", "cave"] {
+        let case = Case::new(&scene(name, 3000));
+        let surfels = &case.surfels;
+        let visibility = CpuVisibility::<f32>::new(&case.occluders);
+        let radiosity: Vec<f64> = (surfels.positions.iter())
+            .map(|p| f64::from(1.0 + (3.0 * p.x).sin() * p.z.cos()))
+            .collect();
+        let sent: Vec<DVec3> = radiosity.iter().map(|&b| DVec3::splat(b)).collect();
+        let rows: Vec<usize> = (0..surfels.len()).collect();
+        let exact = exact_irradiance(surfels, &visibility, &rows, &sent).unwrap();
+        let exact: Vec<f64> = exact.iter().map(|(h, _)| h.x).collect();
+        let close = Close::find(surfels, &visibility, &Silent).unwrap();
+        let [without, with] = [Close::none(surfels), close].map(|close| {
+            let rays = links::gather::<f32>(surfels, &case.occluders, &close, 0..1024, 1, &Silent);
+            let all = close.and(&rays.unwrap(), &Silent).unwrap();
+            let sums = apply(&all, &vec![1.0; surfels.len()]);
+            assert!(sums.iter().sum::<f64>() < (1.0 + 1e-6) * sums.len() as f64);
+            relative_l2(&apply(&all, &radiosity), &exact)
+        });
+        println!("{name}: 1024 rays are off by {without:.4}, with close pairs by {with:.4}");
+        assert!(with < 0.75 * without);
+    }
+}
+
 /// 4096 rays from each of 300 surfels of 20,000 against path tracing of the true surface: what their
 /// mean is off by, and the noise of that.
 fn against_path_tracing(name: &str) -> (f64, f64) {
@@ -303,7 +336,9 @@ impl Progress for Impatient {
 fn many_rays_are_given_up_soon() {
     let case = Case::new(&scene("furnace", 500));
     let waiting = Impatient::default();
-    let rows = links::gather::<f32>(&case.surfels, &case.occluders, 0..1 << 14, 1, &waiting);
+    let close = Close::none(&case.surfels);
+    let many = 0..1 << 14;
+    let rows = links::gather::<f32>(&case.surfels, &case.occluders, &close, many, 1, &waiting);
     assert!(matches!(rows, Err(Error::Interrupted)));
     assert!(waiting.0.load(Ordering::Relaxed) <= 64);
 }

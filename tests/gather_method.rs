@@ -42,7 +42,8 @@ fn furnace() {
     let row_sum = lit.stats.row_sum.unwrap();
     println!("furnace: radiosity off by {off:e} at most, row sum {row_sum:?}");
     assert!(lit.stats.converged && off < 2e-3);
-    assert!(row_sum.max <= 1.0 && row_sum.mean > 0.9999);
+    // On average no more light than there is; close pairs and rays do not fit at every point.
+    assert!(row_sum.max < 1.02 && (row_sum.mean - 1.0).abs() < 1e-6);
 }
 
 /// In a sphere every place gets the same light from every other: with a cap of the part f of its
@@ -232,6 +233,6 @@ fn a_white_room_has_no_solution() {
         "white room: at most {most}, residual {}",
         lit.stats.residual
     );
-    assert_eq!(lit.stats.row_sum.unwrap().mean, 1.0);
+    assert!((lit.stats.row_sum.unwrap().mean - 1.0).abs() < 1e-6);
     assert!(!lit.stats.converged && most < 1.0);
 }

@@ -69,7 +69,7 @@ fn estimates_are_unbiased() {
         let sampler = Sampler::new(&octree, &surfels, &surface, &radiosity);
         let mut noises = Vec::new();
         for count in [4, 32] {
-            let draws: Vec<Draw> = (0..RECEIVERS * REPEATS)
+            let draws: Vec<Draw> = (0..RECEIVERS * REPEATS / 2)
                 .map(|k| Draw {
                     receiver: chosen[k % RECEIVERS] as u32,
                     count,
@@ -77,9 +77,12 @@ fn estimates_are_unbiased() {
                 .collect();
             let random = |k: usize| Pcg64Mcg::seed_from_u64(k as u64 + (u64::from(count) << 32));
             let found = sampler.estimate(&draws, random, &visibility).unwrap();
+            let found = found.as_flattened();
             let (mut noise, mut off) = (0.0, 0.0);
             for (k, (truth, _)) in exact.iter().enumerate() {
-                let of_one = found.iter().skip(k).step_by(RECEIVERS);
+                let of_one = found
+                    .chunks(2 * RECEIVERS)
+                    .flat_map(|all| &all[2 * k..2 * k + 2]);
                 let mean = of_one.clone().sum::<DVec3>() / REPEATS as f64;
                 let square: f64 = of_one.map(|h| (*h - mean).length_squared()).sum();
                 let variance = square / (REPEATS * REPEATS) as f64;

@@ -95,6 +95,8 @@ impl<T: Real> Surface<T> {
         if i == j || self.normals[j].dot(r) >= T::ZERO {
             return T::ZERO; // a cell does not light its own plane or what lies behind it
         }
-        polygon_form_factor::<T>(self.normals[i], &self.corners[j].map(|c| r + c))
+        // Its formula squares areas, which at lengths of 1e-12 leave the range of f32.
+        let scale = T::ONE / r.length();
+        polygon_form_factor::<T>(self.normals[i], &self.corners[j].map(|c| (r + c) * scale))
     }
 }

@@ -4,6 +4,7 @@ use glam::{DVec3, Vec3};
 use rand::RngExt;
 
 use super::quantiles::{DEVIATIONS, Interval};
+use super::receivers::Receivers;
 use crate::error::Result;
 use crate::operator::{Fields, TransportOperator};
 use crate::points::Surfels;
@@ -14,6 +15,9 @@ use crate::solve::{Stop, solve};
 /// Solves of the error's equation, each with three channels, of which the first two carry the two
 /// estimates of the error and the others draws of what it would be by chance.
 const SOLVES: u64 = 2;
+/// Relative residual up to which they are solved, times what a reflection loses, and least value of that.
+const RESIDUAL: f64 = 0.06;
+const LEAST: f64 = 0.02;
 /// Mean square, in units of that of the errors, up to which one draw is enough.
 const NEGLIGIBLE: f64 = 0.1;
 
@@ -37,17 +41,16 @@ pub(super) struct Amplified {
 pub(super) fn amplified<O: TransportOperator>(
     operator: &O,
     surfels: &Surfels,
-    receivers: &[u32],
+    receivers: &Receivers,
     errors: [&[f64]; 2],
-    stop: Stop,
+    bounces: Option<u32>,
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Amplified> {
     let n = surfels.len();
-    let count = receivers.len().max(1) as f64;
-    let unit = (errors[0].iter().map(|e| e * e).sum::<f64>() / count).sqrt();
+    let unit = receivers.mean(errors[0].iter().map(|e| e * e)).sqrt();
     let mut amplified = Amplified {
-        carried: [(); 2].map(|()| vec![0.0; receivers.len()]),
+        carried: [(); 2].map(|()| vec![0.0; receivers.surfels.len()]),
         square: 0.0,
         chance: 0.0,
     };
@@ -57,6 +60,12 @@ pub(super) fn amplified<O: TransportOperator>(
     let fields = operator.fields();
     let brightest = |r: &Vec3| DVec3::splat(f64::from(r.max_element()));
     let reflectance: Vec<DVec3> = surfels.reflectance.iter().map(brightest).collect();
+    // What is left is reflected on as well, and in a white room again and again.
+    let grey = reflectance.iter().map(|r| r.x).sum::<f64>() / n as f64;
+    let stop = Stop {
+        residual: RESIDUAL * (1.0 - grey).max(LEAST),
+        bounces,
+    };
     let reflectance = fields.upload(&reflectance)?;
     let mut chances = Vec::new();
     for k in 0..SOLVES {
@@ -71,7 +80,7 @@ pub(super) fn amplified<O: TransportOperator>(
                 }
             })
             .collect();
-        let spread: Vec<DVec3> = (0..n).map(|i| known[i * known.len() / n]).collect();
+        let spread = receivers.spread(&known);
         let mut source = fields.upload(&spread)?;
         fields.multiply(&reflectance, &mut source)?;
         let (sent, _) = solve(operator, &reflectance, &source, None, stop, progress)?;
@@ -85,7 +94,10 @@ pub(super) fn amplified<O: TransportOperator>(
             amplified.square = mean(DVec3::X * arrived.iter().map(|g| g.x * g.y).sum::<f64>()).x;
             amplified.square *= unit * unit;
             for (c, carried) in amplified.carried.iter_mut().enumerate() {
-                let at = receivers.iter().map(|&i| unit * arrived[i as usize][c]);
+                let at = receivers
+                    .surfels
+                    .iter()
+                    .map(|&i| unit * arrived[i as usize][c]);
                 *carried = at.collect();
             }
             // One draw will do where it hardly counts.
@@ -103,13 +115,24 @@ pub(super) fn amplified<O: TransportOperator>(
 impl Amplified {
     /// The relative error of all bounces, from that of the last: `errors` are its two estimates at the
     /// receivers, `whole` is what they are relative to.
-    pub fn added_to(&self, one: Interval, errors: [&[f64]; 2], whole: f64) -> Interval {
+    pub fn added_to(
+        &self,
+        one: Interval,
+        receivers: &Receivers,
+        errors: [&[f64]; 2],
+        whole: f64,
+    ) -> Interval {
         if whole == 0.0 {
             return one;
         }
         let [a, b] = &self.carried;
-        let products = (errors[0].iter().zip(b)).chain(errors[1].iter().zip(a));
-        let twice = products.map(|(e, g)| e * g).sum::<f64>() / a.len().max(1) as f64;
+        let twice = [(errors[0], b), (errors[1], a)]
+            .map(|(errors, carried)| {
+                let products = errors.iter().zip(carried).map(|(e, g)| e * g);
+                receivers.mean(products)
+            })
+            .iter()
+            .sum::<f64>();
         let scale = 1.0 / (whole * whole);
         let added = scale * (twice + self.square);
         let likely = added.max(0.0);

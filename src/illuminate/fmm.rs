@@ -9,7 +9,8 @@ use super::even::even;
 use super::linked::Linked;
 use super::model::{Lit, model_error};
 use super::task::{DirectLight, ROUGH_ERROR, ROUGH_RESIDUAL, Solved, Task, counts};
-use super::verify::{Claim, Verified, Verifier, likely};
+use super::verified::{Verified, likely};
+use super::verify::{Claim, Verifier};
 use super::work::{Bounced, Work};
 use crate::error::{Error, Result};
 use crate::links::{Links, SLACK};
@@ -26,7 +27,7 @@ const ROUNDS: u64 = 5;
 /// Part of the segments of a solution that its verification may test.
 const VERIFICATION: f64 = 0.06;
 /// Segments that it may test in any case.
-const LEAST_SEGMENTS: u64 = 1 << 16;
+const LEAST_SEGMENTS: u64 = 1 << 17;
 /// The error falls as this power of what a link may be off by: measured are 0.3 to 0.55 with
 /// occlusion. Without, errors are those of expansions.
 const POWER: [f64; 2] = [0.45, 1.0];

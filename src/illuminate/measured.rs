@@ -4,6 +4,8 @@ use std::time::Instant;
 
 use glam::DVec3;
 
+use super::receivers::Receivers;
+
 /// Part of the receivers that have the largest errors and are measured again.
 const LARGEST: f64 = 0.06;
 /// Darkest irradiance, relative to the mean, that errors are taken relative to.
@@ -29,7 +31,7 @@ pub(super) struct Off {
 
 /// Differences found, not yet put into numbers.
 pub struct Measured {
-    pub receivers: Vec<u32>,
+    pub(super) receivers: Receivers,
     pub(super) segments: u64,
     pub(super) start: Instant,
     /// From two independent estimates.
@@ -107,7 +109,7 @@ impl Measured {
     /// What was claimed of the sampled lights, of which so far only the truth was taken off.
     pub(super) fn close(&mut self, claim: &Claim) {
         for off in &mut self.off {
-            for (off, &i) in off.iter_mut().zip(&self.receivers) {
+            for (off, &i) in off.iter_mut().zip(&self.receivers.surfels) {
                 off.direct += claim.sampled[i as usize];
             }
         }
@@ -137,7 +139,9 @@ impl Measured {
             let mean = claim.level(part).1;
             let off = part.of(&self.best);
             let relative = |k: usize| {
-                let light = claim.part(part, self.receivers[k] as usize).length();
+                let light = claim
+                    .part(part, self.receivers.surfels[k] as usize)
+                    .length();
                 off[k].length() / light.max(DARK * mean).max(f64::MIN_POSITIVE)
             };
             let mut order: Vec<usize> = (0..off.len()).collect();

@@ -13,9 +13,11 @@ mod model;
 mod options;
 mod quantiles;
 mod rays;
+mod receivers;
 pub mod stats;
 mod task;
 mod transport;
+mod verified;
 pub mod verify;
 mod work;
 

@@ -60,10 +60,9 @@ pub(super) fn model_error(lit: &Lit, error: f64) -> Result<Option<f64>> {
             .map(|k| ((2 * k + 1) * part.surfels.len() / (2 * PLACES)) as u32)
             .collect();
         // The product of two independent estimates has no noise on average.
-        let [a, b] = part.light(lit, &receivers)?;
-        for (k, &r) in receivers.iter().enumerate() {
+        for (&r, [a, b]) in receivers.iter().zip(part.light(lit, &receivers)?) {
             let truth = lit.irradiance[part.member(r as usize)];
-            square += (a[k] - truth).dot(b[k] - truth);
+            square += (a - truth).dot(b - truth);
             whole += truth.length_squared();
         }
     }
@@ -122,7 +121,7 @@ impl Part {
     }
 
     /// Two independent estimates of the irradiance of some surfels.
-    fn light(&self, lit: &Lit, receivers: &[u32]) -> Result<[Vec<DVec3>; 2]> {
+    fn light(&self, lit: &Lit, receivers: &[u32]) -> Result<Vec<[DVec3; 2]>> {
         let (surfels, scene) = (&self.surfels, lit.scene);
         let sent: Vec<DVec3> = (0..surfels.len())
             .map(|k| lit.radiosity[self.member(k)])
@@ -136,21 +135,21 @@ impl Part {
             count: DRAWS,
         };
         let draws: Vec<Draw> = receivers.iter().map(draw).collect();
-        let mut estimates = [Vec::new(), Vec::new()];
-        for (half, estimate) in (0..).zip(&mut estimates) {
-            let random = |k: usize| {
-                let item = self.member(receivers[k] as usize) as u64;
-                stream(lit.seed, Purpose::Model, item << 1 | half)
-            };
-            *estimate = sampler.estimate(&draws, random, &visibility)?;
+        let random = |k: usize, half: u64| {
+            let item = self.member(receivers[k] as usize) as u64;
+            stream(lit.seed, Purpose::Model, item << 1 | half)
+        };
+        let mut estimates = sampler.estimate(&draws, |k| random(k, 0), &visibility)?;
+        for half in 0..2 {
             if scene.sky != Vec3::ZERO {
+                let random = |k| random(k, half as u64);
                 let skies = visible_sky(surfels, receivers, STRATA, random, &visibility)?;
-                for (h, sky) in estimate.iter_mut().zip(skies) {
-                    *h += scene.sky.as_dvec3() * sky;
+                for (h, sky) in estimates.iter_mut().zip(skies) {
+                    h[half] += scene.sky.as_dvec3() * sky;
                 }
             }
-            for (h, &r) in estimate.iter_mut().zip(receivers) {
-                *h += lights[r as usize];
+            for (h, &r) in estimates.iter_mut().zip(receivers) {
+                h[half] += lights[r as usize];
             }
         }
         Ok(estimates)

@@ -84,23 +84,42 @@ pub(super) fn mean(sample: &[f64], random: &mut Pcg64Mcg) -> Interval {
     }
 }
 
-pub(super) fn sorted(mut sample: Vec<f64>) -> Vec<f64> {
-    sample.sort_unstable_by(f64::total_cmp);
+/// Sorts values with their weights.
+pub(super) fn sorted(values: impl Iterator<Item = f64>, weights: &[f64]) -> Vec<(f64, f64)> {
+    let mut sample: Vec<(f64, f64)> = values.zip(weights.iter().copied()).collect();
+    sample.sort_unstable_by(|(a, _), (b, _)| a.total_cmp(b));
     sample
 }
 
-/// The value below which a part of all lies, from a sorted sample: the bounds are order statistics.
-pub(super) fn of(sorted: &[f64], part: f64) -> Interval {
-    let Some(last) = sorted.len().checked_sub(1) else {
+/// The value below which a part of all lies, from a sorted sample of values with weights: the bounds are
+/// order statistics.
+pub(super) fn of(sorted: &[(f64, f64)], part: f64) -> Interval {
+    let Some(&(largest, last)) = sorted.last() else {
         return Interval::default();
     };
-    let n = sorted.len() as f64;
-    let spread = DEVIATIONS * (n * part * (1.0 - part)).sqrt();
-    let at = |rank: f64| sorted[(rank.round().max(0.0) as usize).min(last)];
-    let middle = part * last as f64;
+    let whole: f64 = sorted.iter().map(|(_, weight)| weight).sum();
+    let at = |wanted: f64| {
+        let mut below = 0.0;
+        let reached = |(_, weight): &&(f64, f64)| {
+            below += weight;
+            below >= wanted
+        };
+        sorted
+            .iter()
+            .find(reached)
+            .map_or(largest, |(value, _)| *value)
+    };
+    let middle = part * whole;
+    let value = at(middle);
+    // Of what is below or above the value by chance.
+    let square = |(x, weight): &(f64, f64)| {
+        let off = if *x <= value { 1.0 - part } else { part };
+        (weight * off).powi(2)
+    };
+    let spread = DEVIATIONS * sorted.iter().map(square).sum::<f64>().sqrt();
     Interval {
-        value: at(middle),
-        low: at((n * part - spread).floor() - 1.0),
-        high: at((n * part + spread).ceil()),
+        value,
+        low: at(middle - spread - last),
+        high: at(middle + spread + last),
     }
 }

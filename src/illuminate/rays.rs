@@ -10,10 +10,10 @@ use serde::{Deserialize, Serialize};
 use super::even::even;
 use super::fmm::budget;
 use super::task::{Solve, Solved, Task, counts};
-use super::verify::Verified;
+use super::verified::Verified;
 use super::work::Bounced;
 use crate::error::Result;
-use crate::links::{self, Links, Rows};
+use crate::links::{self, Close, Links, Rows};
 use crate::memory;
 use crate::passes::cpu;
 use crate::smoothing::Smoother;
@@ -63,13 +63,15 @@ impl Task<'_> {
         if black || dark || self.max_bounces == Some(0) {
             return Ok(Solved::without_reflection(direct.irradiance));
         }
-        let mut cast = Cast::new(self, occluders, rays / 2)?;
+        let close = Close::find(self.surfels, self.visibility, self.progress)?;
+        let mut cast = Cast::new(self, occluders, &close, rays / 2)?;
         let (mut solving, mut verification) = (0.0, 0.0);
         let mut start: Option<Vec<DVec3>> = None;
         let mut best: Option<(Solved, Verified)> = None;
         for round in 0.. {
             let more = cast.up_to(rays)?;
-            let links = self.links_of(links::mean(&cast.rows, &more, self.progress)?);
+            let both = links::mean(&cast.rows, &more, self.progress)?;
+            let links = self.links_of(close.and(&both, self.progress)?);
             let clock = Instant::now();
             let work = self.work(&direct.irradiance, start.as_deref(), self.stop());
             let bounced = solve(&links, &work)?;
@@ -118,7 +120,7 @@ impl Task<'_> {
                 break;
             }
             rays = next;
-            cast.rows = links.near;
+            cast.rows = both;
         }
         let solved = best.map(|(solved, _)| solved).unwrap_or_default();
         Ok(Solved {
@@ -144,6 +146,7 @@ impl Task<'_> {
 struct Cast<'a> {
     task: &'a Task<'a>,
     occluders: &'a Occluders,
+    close: &'a Close,
     /// The mean of those that were there before the last.
     rows: Rows,
     /// From each surfel, a power of two.
@@ -152,10 +155,16 @@ struct Cast<'a> {
 }
 
 impl<'a> Cast<'a> {
-    fn new(task: &'a Task, occluders: &'a Occluders, count: u32) -> Result<Cast<'a>> {
+    fn new(
+        task: &'a Task,
+        occluders: &'a Occluders,
+        close: &'a Close,
+        count: u32,
+    ) -> Result<Cast<'a>> {
         let mut cast = Cast {
             task,
             occluders,
+            close,
             rows: Rows::none(0),
             count,
             seconds: 0.0,
@@ -172,7 +181,8 @@ impl<'a> Cast<'a> {
             progress,
             ..
         } = *self.task;
-        let rows = links::gather::<f32>(surfels, self.occluders, numbers, seed, progress)?;
+        let (occluders, close) = (self.occluders, self.close);
+        let rows = links::gather::<f32>(surfels, occluders, close, numbers, seed, progress)?;
         self.seconds += clock.elapsed().as_secs_f64();
         Ok(rows)
     }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Method;
 use super::checks::Checks;
-use super::verify::Verified;
+use super::verified::Verified;
 use crate::plan::Plan;
 
 /// Seconds spent, by stage.

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::checkpoint::Stages;
 use super::checks::Checked;
 use super::rays::Rays;
-use super::verify::Verified;
+use super::verified::Verified;
 use super::work::{Bounced, Work};
 use crate::error::Result;
 use crate::lights;

@@ -9,18 +9,17 @@
 //! That is the error of one application of the operator, r = H - L - F(E + ρH). The error of the
 //! solution is (I - Fρ)⁻¹ r = r + G r: what is wrong is reflected on as light is.
 
-use std::fmt;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
-use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
-use serde::{Deserialize, Serialize};
 
 use super::amplified::{Amplified, amplified};
 pub use super::measured::{Claim, Measured};
 use super::measured::{DARK, Off, Part};
-use super::quantiles::{self, Interval};
+use super::quantiles;
+use super::receivers::Receivers;
+pub use super::verified::{Errors, Verified};
 use crate::error::Result;
 use crate::expansion::Surface;
 use crate::lights::visible_sky;
@@ -29,96 +28,7 @@ use crate::operator::{Draw, Sampler, TransportOperator, exact_irradiance};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::random::{Purpose, stream};
-use crate::solve::Stop;
 use crate::visibility::Visibility;
-
-/// Errors of a solution against the point truth, relative as [`Comparison`](crate::compare::Comparison)
-/// has it, each with its 95% bounds, lower and upper.
-///
-/// Quantiles hold a little noise of the estimates as well, and are rather too large.
-#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
-pub struct Errors {
-    /// Relative L2 error of the last bounce: the operator was applied once to the light of the
-    /// solution, and is compared with the exact sum over that same light.
-    pub one_bounce: Interval,
-    /// Relative L2 error of the solution: that of all bounces.
-    pub rel_l2: Interval,
-    pub median: Interval,
-    pub p95: Interval,
-    pub p99: Interval,
-    /// The largest that was found. What is above the bound is at most 3 points out of as many as were
-    /// looked at, with 95% confidence.
-    pub max: f64,
-    pub bias: Interval,
-}
-
-/// What verifying a solution found.
-#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
-pub struct Verified {
-    /// Surfels that were looked at.
-    pub receivers: usize,
-    /// Segments that it took.
-    pub segments: u64,
-    /// Seconds that it took.
-    pub seconds: f64,
-    /// Upper bound of the errors that was asked for.
-    pub tolerance: f64,
-    /// Whether both parts' relative L2 errors are within it, with 95% confidence.
-    pub met: bool,
-    /// Of the irradiance.
-    pub total: Errors,
-    /// Relative L2 error by sampled light straight from sky and shining surfels, a part of that.
-    pub direct: Interval,
-    /// Of the irradiance by light that was reflected before, relative to itself; `None` where there is
-    /// none.
-    pub reflected: Option<Errors>,
-}
-
-impl Verified {
-    /// Upper 95% bound of the relative L2 error of both parts.
-    pub fn bound(&self) -> f64 {
-        let reflected = self.reflected.map_or(0.0, |part| part.rel_l2.high);
-        self.total.rel_l2.high.max(reflected)
-    }
-
-    /// The same, as it is as a rule.
-    pub(super) fn likely(&self) -> f64 {
-        let reflected = self.reflected.map_or(0.0, |part| likely(part.rel_l2));
-        likely(self.total.rel_l2).max(reflected)
-    }
-
-    /// Takes a tolerance as what was asked for.
-    pub(super) fn judge_by(&mut self, tolerance: f64) {
-        self.tolerance = tolerance;
-        self.met = self.bound() <= tolerance;
-    }
-}
-
-impl fmt::Display for Verified {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let percent = |error: Interval| {
-            let [value, low, high] = [error.value, error.low, error.high].map(|x| 100.0 * x);
-            format!("{value:.2}% ({low:.2} to {high:.2})")
-        };
-        write!(f, "{} in all", percent(self.total.rel_l2))?;
-        if let Some(reflected) = &self.reflected {
-            write!(f, ", {} of reflected light", percent(reflected.rel_l2))?;
-        }
-        let [p95, max] = [self.total.p95.value, self.total.max].map(|x| 100.0 * x);
-        write!(
-            f,
-            ", 95% of the points within {p95:.1}%, the worst {max:.0}%"
-        )?;
-        let bias = 100.0 * self.total.bias.value;
-        write!(f, ", bias {bias:+.2}%, by {} points", self.receivers)
-    }
-}
-
-/// Upper bound of an error, as it is as a rule: one point that is far off makes the bound, but not the error,
-/// very large.
-pub(super) fn likely(error: Interval) -> f64 {
-    error.high.min(SPREAD * error.value)
-}
 
 /// What a solution is verified with.
 pub struct Verifier<'a> {
@@ -131,8 +41,6 @@ pub struct Verifier<'a> {
     pub seed: u64,
 }
 
-/// Upper bound of an error over the error, as a rule.
-const SPREAD: f64 = 1.3;
 /// Surfels that are looked at, at most and at least.
 const RECEIVERS: [usize; 2] = [1000, 200];
 /// Draws of an estimate, on average, at a tolerance of 0.03: its noise should be as large as the error.
@@ -169,7 +77,7 @@ impl Verifier<'_> {
             true => (40 + (1 << 22) / n.max(1)).min(RECEIVERS[1]),
             false => 2 * budget as usize / n.max(1),
         };
-        let exact = exact_rows.min(n) >= RECEIVERS[1].min(n) || self.visibility.is_open();
+        let exact = exact_rows.min(n) >= RECEIVERS[0].min(n) || self.visibility.is_open();
         let lights = self.kinds(claim);
         let count = match exact {
             true => exact_rows.min(RECEIVERS[0]),
@@ -181,7 +89,8 @@ impl Verifier<'_> {
                 (count as usize).clamp(RECEIVERS[1], RECEIVERS[0])
             }
         };
-        let receivers = self.receivers(count.min(n), round);
+        let mut random = stream(self.seed, Purpose::Verify, round << 8);
+        let receivers = Receivers::choose(claim, count, &mut random);
         let mut measured = Measured {
             segments: 0,
             start,
@@ -212,15 +121,6 @@ impl Verifier<'_> {
         .collect()
     }
 
-    /// One surfel at random out of each of `count` equal parts of all.
-    fn receivers(&self, count: usize, round: u64) -> Vec<u32> {
-        let n = self.surfels.len() as f64;
-        let mut random = stream(self.seed, Purpose::Verify, round << 8);
-        (0..count)
-            .map(|k| ((k as f64 + random.random::<f64>()) * n / count as f64).min(n - 1.0) as u32)
-            .collect()
-    }
-
     /// What is wrong with a light, if this is what it should be.
     fn off(&self, claim: &Claim, i: u32, light: Light, truth: DVec3) -> Off {
         let i = i as usize;
@@ -238,7 +138,12 @@ impl Verifier<'_> {
 
     fn exactly(&self, claim: &Claim, budget: u64, measured: &mut Measured) -> Result<()> {
         let emission: Vec<DVec3> = self.surfels.emission.iter().map(|e| e.as_dvec3()).collect();
-        let rows: Vec<usize> = measured.receivers.iter().map(|&i| i as usize).collect();
+        let rows: Vec<usize> = measured
+            .receivers
+            .surfels
+            .iter()
+            .map(|&i| i as usize)
+            .collect();
         // Both fields want the same segments: red, green and blue of one after the other would test
         // them twice.
         for (light, field) in [
@@ -251,7 +156,7 @@ impl Verifier<'_> {
             let sums = exact_irradiance(self.surfels, self.visibility, &rows, field)?;
             measured.segments += (rows.len() * self.surfels.len() / 2) as u64;
             for (k, (truth, _)) in sums.into_iter().enumerate() {
-                let off = self.off(claim, measured.receivers[k], light, truth);
+                let off = self.off(claim, measured.receivers.surfels[k], light, truth);
                 for half in &mut measured.off {
                     half[k].add(off);
                 }
@@ -261,7 +166,9 @@ impl Verifier<'_> {
             let count = (budget as f64 / (2 * rows.len().max(1)) as f64).clamp(16.0, 4096.0);
             let counts = vec![count; rows.len()];
             for half in 0..2 {
-                let skies = self.sky(&measured.receivers, &counts, half)?;
+                let skies = self.sky(&measured.receivers.surfels, &counts, |k| {
+                    self.random(k, half)
+                })?;
                 measured.segments += (rows.len() as f64 * count) as u64;
                 for (off, sky) in measured.off[half as usize].iter_mut().zip(skies) {
                     off.direct -= sky;
@@ -293,16 +200,17 @@ impl Verifier<'_> {
                 field.map(|field| Sampler::new(self.octree, self.surfels, &surface, field))
             })
             .collect();
-        let receivers = measured.receivers.clone();
+        let receivers = measured.receivers.surfels.clone();
         let mut segments = 0;
-        // An estimate of each light at some receivers, each with its number of draws.
+        // Two estimates of each light at some receivers, each with its number of draws.
         let mut estimates = |some: &[usize], counts: &[Vec<f64>], phase: u64| {
             let chosen: Vec<u32> = some.iter().map(|&k| receivers[k]).collect();
-            let mut found = Vec::with_capacity(lights.len());
+            let mut found: Vec<Vec<[DVec3; 2]>> = Vec::with_capacity(lights.len());
             for (l, sampler) in samplers.iter().enumerate() {
-                let item = round << 8 | phase << 2 | l as u64;
+                let item = round << 8 | phase << 3 | (l as u64) << 1;
+                let random = |half: u64| move |k: usize| self.random(some[k], item | half);
                 let counts: Vec<f64> = some.iter().map(|&k| counts[l][k]).collect();
-                segments += counts.iter().sum::<f64>() as u64;
+                segments += 2 * counts.iter().sum::<f64>() as u64;
                 found.push(match sampler {
                     Some(sampler) => {
                         let draws: Vec<Draw> = (chosen.iter().zip(&counts))
@@ -311,32 +219,31 @@ impl Verifier<'_> {
                                 count: count as u32,
                             })
                             .collect();
-                        let random = |k: usize| self.random(chosen[k], item);
-                        sampler.estimate(&draws, random, self.visibility)?
+                        sampler.estimate(&draws, random(0), self.visibility)?
                     }
-                    None => self.sky(&chosen, &counts, item)?,
+                    None => {
+                        let once = self.sky(&chosen, &counts, random(0))?;
+                        let again = self.sky(&chosen, &counts, random(1))?;
+                        once.into_iter().zip(again).map(<[_; 2]>::from).collect()
+                    }
                 });
             }
             Ok::<_, crate::Error>(found)
         };
         let all: Vec<usize> = (0..receivers.len()).collect();
         let pilot_counts = vec![vec![f64::from(PILOT); receivers.len()]; lights.len()];
-        let pilot = [
-            estimates(&all, &pilot_counts, 1)?,
-            estimates(&all, &pilot_counts, 2)?,
-        ];
+        let pilot = estimates(&all, &pilot_counts, 1)?;
         let left = budget as f64 - 2.0 * (lights.len() * receivers.len()) as f64 * f64::from(PILOT);
-        let shares = self.shares(claim, lights, &receivers, &pilot);
+        let shares = self.shares(claim, lights, &measured.receivers, &pilot);
         let counts = |draws: f64| -> Vec<Vec<f64>> {
             let count = |share: &f64| (share * draws).clamp(COUNTS[0], COUNTS[1]).round();
             let of_light = |shares: &Vec<f64>| shares.iter().map(count).collect();
             shares.iter().map(of_light).collect()
         };
-        let of_all = counts(0.5 * (1.0 - AGAIN) * left);
-        for half in 0..2 {
-            let found = estimates(&all, &of_all, 3 + half as u64)?;
-            for (&light, found) in lights.iter().zip(found) {
-                for (k, truth) in found.into_iter().enumerate() {
+        let found = estimates(&all, &counts(0.5 * (1.0 - AGAIN) * left), 2)?;
+        for (&light, found) in lights.iter().zip(found) {
+            for (k, truths) in found.into_iter().enumerate() {
+                for (half, truth) in truths.into_iter().enumerate() {
                     measured.off[half][k].add(self.off(claim, receivers[k], light, truth));
                 }
             }
@@ -350,8 +257,8 @@ impl Verifier<'_> {
                 .iter()
                 .flat_map(|s| again.iter().map(|&k| s[k]))
                 .sum();
-            let counts = counts(AGAIN * left / taken.max(f64::MIN_POSITIVE));
-            let found = estimates(&again, &counts, 5)?;
+            let counts = counts(0.5 * AGAIN * left / taken.max(f64::MIN_POSITIVE));
+            let found = estimates(&again, &counts, 3)?;
             for &k in &again {
                 measured.best[k] = Off {
                     direct: claim.sampled[receivers[k] as usize],
@@ -359,7 +266,8 @@ impl Verifier<'_> {
                 };
             }
             for (&light, found) in lights.iter().zip(found) {
-                for (&k, truth) in again.iter().zip(found) {
+                for (&k, [a, b]) in again.iter().zip(found) {
+                    let truth = 0.5 * (a + b);
                     measured.best[k].add(self.off(claim, receivers[k], light, truth));
                 }
             }
@@ -374,26 +282,28 @@ impl Verifier<'_> {
         &self,
         claim: &Claim,
         lights: &[Light],
-        receivers: &[u32],
-        pilot: &[Vec<Vec<DVec3>>; 2],
+        Receivers {
+            surfels, weights, ..
+        }: &Receivers,
+        pilot: &[Vec<[DVec3; 2]>],
     ) -> Vec<Vec<f64>> {
         let level = |light: Light| match light {
             Light::Reflected => claim.level(Part::Reflected),
             _ => claim.level(Part::Total),
         };
-        let mut shares = vec![vec![0.0; receivers.len()]; lights.len()];
+        let mut shares = vec![vec![0.0; surfels.len()]; lights.len()];
         for relative in [false, true] {
             let mut noises = shares.clone();
             for (l, &light) in lights.iter().enumerate() {
                 let (rms, mean) = level(light);
-                for (k, &i) in receivers.iter().enumerate() {
-                    let [a, b] = [pilot[0][l][k], pilot[1][l][k]];
+                for (k, &i) in surfels.iter().enumerate() {
+                    let [a, b] = pilot[l][k];
                     let noise = (a - b).length() + 0.1 * (a + b).length() + 0.02 * rms;
                     let scale = match relative {
                         true => claim.irradiance[i as usize].length().max(DARK * mean),
                         false => rms,
                     };
-                    noises[l][k] = noise / scale.max(f64::MIN_POSITIVE);
+                    noises[l][k] = weights[k].sqrt() * noise / scale.max(f64::MIN_POSITIVE);
                 }
             }
             let total: f64 = noises.iter().flatten().sum();
@@ -404,16 +314,19 @@ impl Verifier<'_> {
         shares
     }
 
-    fn random(&self, receiver: u32, item: u64) -> Pcg64Mcg {
-        stream(
-            self.seed,
-            Purpose::Verify,
-            u64::from(receiver) << 32 | 1 << 31 | item,
-        )
+    /// What is drawn for the `k`-th receiver.
+    fn random(&self, k: usize, item: u64) -> Pcg64Mcg {
+        let item = (k as u64) << 32 | 1 << 31 | item;
+        stream(self.seed, Purpose::Verify, item)
     }
 
     /// Light from the sky at some surfels, in about so many directions each.
-    fn sky(&self, receivers: &[u32], counts: &[f64], item: u64) -> Result<Vec<DVec3>> {
+    fn sky(
+        &self,
+        receivers: &[u32],
+        counts: &[f64],
+        random: impl Fn(usize) -> Pcg64Mcg + Sync,
+    ) -> Result<Vec<DVec3>> {
         // Squares of powers of two, so that surfels can be taken together.
         let strata = |count: f64| 1_usize << (count.max(4.0).log2() / 2.0).round() as u32;
         let mut skies = vec![DVec3::ZERO; receivers.len()];
@@ -422,7 +335,7 @@ impl Verifier<'_> {
                 .filter(|&k| strata(counts[k]).min(64) == 1 << level)
                 .collect();
             let chosen: Vec<u32> = some.iter().map(|&k| receivers[k]).collect();
-            let random = |k: usize| self.random(chosen[k], item);
+            let random = |k: usize| random(some[k]);
             let shares = visible_sky(self.surfels, &chosen, 1 << level, random, self.visibility)?;
             for (k, share) in some.into_iter().zip(shares) {
                 skies[k] = self.sky.as_dvec3() * share;
@@ -440,7 +353,6 @@ impl Verifier<'_> {
         bounces: Option<u32>,
         progress: &dyn Progress,
     ) -> Result<Verified> {
-        let stop = |residual| Stop { residual, bounces };
         let [a, b] = measured.grey(Part::Total);
         let carried = match operator {
             Some(operator) => Some(amplified(
@@ -448,7 +360,7 @@ impl Verifier<'_> {
                 self.surfels,
                 &measured.receivers,
                 [&a, &b],
-                stop(0.03),
+                bounces,
                 self.seed,
                 progress,
             )?),
@@ -482,25 +394,23 @@ impl Verifier<'_> {
             return Errors::default();
         }
         let [a, b] = measured.off.each_ref().map(|off| part.of(off));
-        let squares: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a.dot(*b)).collect();
-        let signed: Vec<f64> = (a.iter().zip(&b))
-            .map(|(a, b)| (*a + *b).element_sum() / 2.0)
-            .collect();
+        let receivers = &measured.receivers;
+        let both = || a.iter().zip(&b);
+        let squares = receivers.weighted(both().map(|(a, b)| a.dot(*b)));
+        let signed = receivers.weighted(both().map(|(a, b)| (*a + *b).element_sum() / 2.0));
         let mut random = stream(self.seed, Purpose::Verify, 0);
         let one_bounce = quantiles::mean(&squares, &mut random).root().over(rms);
         let sum: f64 = claim.sum(part);
-        let relative: Vec<f64> = (measured.receivers.iter().zip(part.of(&measured.best)))
-            .map(|(&i, off)| {
-                let truth = claim.part(part, i as usize) - off;
-                off.length() / truth.length().max(DARK * mean)
-            })
-            .collect();
-        let sorted = quantiles::sorted(relative);
+        let relative = (receivers.surfels.iter().zip(part.of(&measured.best))).map(|(&i, off)| {
+            let truth = claim.part(part, i as usize) - off;
+            off.length() / truth.length().max(DARK * mean)
+        });
+        let sorted = quantiles::sorted(relative, &receivers.weights);
         let rel_l2 = match carried {
             None => one_bounce,
             Some(carried) => {
                 let [a, b] = measured.grey(part);
-                carried.added_to(one_bounce, [&a, &b], claim.grey(part))
+                carried.added_to(one_bounce, receivers, [&a, &b], claim.grey(part))
             }
         };
         Errors {
@@ -509,7 +419,7 @@ impl Verifier<'_> {
             median: quantiles::of(&sorted, 0.5),
             p95: quantiles::of(&sorted, 0.95),
             p99: quantiles::of(&sorted, 0.99),
-            max: sorted.last().copied().unwrap_or(0.0),
+            max: sorted.last().map_or(0.0, |(off, _)| *off),
             bias: quantiles::mean(&signed, &mut random).over(sum),
         }
     }

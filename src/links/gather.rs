@@ -5,8 +5,8 @@ use std::ops::Range;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::Rows;
 use super::csr::Part;
+use super::{Close, Rows};
 use crate::error::Result;
 use crate::math::Real;
 use crate::octree::morton;
@@ -27,7 +27,7 @@ const BLOCK: usize = 1 << 20;
 /// Casts the rays `numbers` of every surfel, in cosine-weighted directions: the weight of a link is
 /// the part of them that meet the front of its source before anything else. A ray that meets a back
 /// or nothing brings nothing, so that no row sums up to more than 1. What counts of a source is its
-/// cell, not its area.
+/// cell, not its area. Between [close](Close) pairs no ray counts.
 ///
 /// Rays 0..2ᵏ are stratified, and so are 2ᵏ..2ᵏ⁺¹ for the same k, in other places: the operator of
 /// twice as many rays is the [mean](mean()) of both.
@@ -36,6 +36,7 @@ const BLOCK: usize = 1 << 20;
 pub fn gather<T: Real>(
     surfels: &Surfels,
     occluders: &Occluders,
+    close: &Close,
     numbers: Range<u32>,
     seed: u64,
     progress: &dyn Progress,
@@ -57,8 +58,9 @@ pub fn gather<T: Real>(
         let mut links: Vec<(u32, u32)> = (rays.into_iter())
             .filter_map(|(_, i, way)| {
                 let ray = surfels.ray(i as usize, way * reach);
-                let hit = first_hit::<T>(occluders, &ray).filter(|hit| hit.front)?;
-                Some((i, hit.surfel))
+                let hit = first_hit::<T>(occluders, &ray)?;
+                let counts = hit.front && !close.has(i as usize, hit.surfel as usize);
+                counts.then_some((i, hit.surfel))
             })
             .collect();
         links.sort_unstable();
@@ -98,27 +100,35 @@ fn direction(way: Vec3) -> u64 {
 ///
 /// Fails with [`Error::TooLarge`](crate::Error::TooLarge) beyond 2³² links.
 pub fn mean(a: &Rows, b: &Rows, progress: &dyn Progress) -> Result<Rows> {
-    let targets = a.offsets.len() - 1;
+    sum([(0.5, a), (0.5, b)], progress)
+}
+
+/// The sum of two lists of links, each times a factor, whose rows are in the order of their sources.
+pub(super) fn sum(terms: [(f32, &Rows); 2], progress: &dyn Progress) -> Result<Rows> {
+    let targets = terms[0].1.offsets.len() - 1;
     let of_chunk = |chunk: Range<usize>| {
         let mut part = Part::default();
         let mut row: Vec<(usize, f32)> = Vec::new();
         for target in chunk {
             row.clear();
-            row.extend(a.row(target).chain(b.row(target)));
+            for (factor, rows) in terms {
+                row.extend(
+                    rows.row(target)
+                        .map(|(source, weight)| (source, factor * weight)),
+                );
+            }
             row.sort_by_key(|&(source, _)| source);
             for same in row.chunk_by(|a, b| a.0 == b.0) {
                 part.push(target as u32, same[0].0 as u32);
                 part.weights
-                    .push(0.5 * same.iter().map(|&(_, weight)| weight).sum::<f32>());
+                    .push(same.iter().map(|&(_, weight)| weight).sum());
             }
         }
         part
     };
+    let each = terms.iter().map(|(_, rows)| rows.len()).sum::<usize>() / targets.max(1);
     let mut parts: Vec<Part> = Vec::with_capacity(targets.div_ceil(CHUNK));
-    for block in blocks(
-        0..targets,
-        surfels_at_once((a.len() + b.len()) / targets.max(1)),
-    ) {
+    for block in blocks(0..targets, surfels_at_once(each)) {
         progress.check()?;
         let chunks: Vec<_> = blocks(block, CHUNK).collect();
         parts.par_extend(chunks.into_par_iter().map(of_chunk));

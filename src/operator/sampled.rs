@@ -35,11 +35,11 @@ pub struct Sampler<'a> {
     power: Vec<f32>,
 }
 
-/// An estimate that is wanted.
+/// Two estimates that are wanted.
 #[derive(Clone, Copy, Debug)]
 pub struct Draw {
     pub receiver: u32,
-    /// Sources to draw.
+    /// Sources to draw for each of the two.
     pub count: u32,
 }
 
@@ -78,24 +78,24 @@ impl<'a> Sampler<'a> {
         }
     }
 
-    /// One independent estimate for each of `draws`, by the random numbers of `random(k)` for the
-    /// k-th. Its noise falls with the number of sources drawn as number^(-3/4) or so.
+    /// Two independent estimates for each of `draws`, by the random numbers of `random(k)` for the
+    /// k-th. Their noise falls with the number of sources drawn as number^(-3/4) or so.
     pub fn estimate(
         &self,
         draws: &[Draw],
         random: impl Fn(usize) -> Pcg64Mcg + Sync,
         visibility: &dyn Visibility,
-    ) -> Result<Vec<DVec3>> {
+    ) -> Result<Vec<[DVec3; 2]>> {
         let mut estimates = Vec::with_capacity(draws.len());
         while estimates.len() < draws.len() {
             let first = estimates.len();
             let mut wanted = 0;
             let fits = |d: &&Draw| {
-                wanted += d.count as usize;
+                wanted += 2 * d.count as usize;
                 wanted <= BATCH
             };
             let batch = draws[first..].iter().take_while(fits).count().max(1);
-            let drawn: Vec<Vec<Drawn>> = draws[first..first + batch]
+            let drawn: Vec<[Vec<Drawn>; 2]> = draws[first..first + batch]
                 .par_iter()
                 .enumerate()
                 .map_init(Vec::new, |items, (k, draw)| {
@@ -106,36 +106,43 @@ impl<'a> Sampler<'a> {
             let segments: Vec<Segment> = pairs
                 .flat_map(|(draw, drawn)| {
                     let i = draw.receiver;
-                    drawn.iter().map(move |d| {
+                    drawn.iter().flatten().map(move |d| {
                         let (low, high) = (i.min(d.source), i.max(d.source));
                         self.surfels.segment(low as usize, high as usize)
                     })
                 })
                 .collect();
             let mut visible = visibility.visible(&segments)?.into_iter();
-            estimates.extend(drawn.iter().map(|drawn| {
+            let mut light = |drawn: &Vec<Drawn>| {
                 let seen = drawn.iter().zip(visible.by_ref()).filter(|&(_, v)| v);
                 seen.map(|(d, _)| d.light).sum::<DVec3>()
-            }));
+            };
+            estimates.extend(drawn.iter().map(|both| both.each_ref().map(&mut light)));
         }
         Ok(estimates)
     }
 
-    /// Draws sources, one from each of `count` equal parts of what may arrive.
-    fn draw(&self, draw: &Draw, random: &mut Pcg64Mcg, items: &mut Vec<(u32, f64)>) -> Vec<Drawn> {
+    /// Draws sources twice, one from each of `count` equal parts of what may arrive.
+    fn draw(
+        &self,
+        draw: &Draw,
+        random: &mut Pcg64Mcg,
+        items: &mut Vec<(u32, f64)>,
+    ) -> [Vec<Drawn>; 2] {
         let i = draw.receiver as usize;
         self.clusters(i, items);
         let total: f64 = items.iter().map(|&(_, weight)| weight).sum();
-        let mut drawn = Vec::with_capacity(draw.count as usize);
-        if total <= 0.0 {
-            return drawn;
-        }
         let parts = f64::from(draw.count);
-        let mut places: Vec<f64> = (0..draw.count)
-            .map(|k| (f64::from(k) + random.random::<f64>()) * total / parts)
-            .collect();
-        self.share(i, items, &mut places, parts / total, &mut drawn);
-        drawn
+        [(); 2].map(|()| {
+            let mut drawn = Vec::with_capacity(draw.count as usize);
+            if total > 0.0 {
+                let mut places: Vec<f64> = (0..draw.count)
+                    .map(|k| (f64::from(k) + random.random::<f64>()) * total / parts)
+                    .collect();
+                self.share(i, items, &mut places, parts / total, &mut drawn);
+            }
+            drawn
+        })
     }
 
     /// The clusters that a receiver can tell apart, with what they may bring, in the octree's order.

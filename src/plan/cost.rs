@@ -100,8 +100,8 @@ const NOISE: f64 = 0.65;
 /// The noise of rays falls as this power of their number.
 const BY_RAYS: f64 = 0.75;
 /// What rays without number are off by, in units of 1 / root of the number of points, where all is
-/// curved and hidden: 8% in the cave of 2,600 points, 3% in that of 17,500, 4% in organic of 3,000.
-const LIMIT: f64 = 8.2;
+/// curved and hidden: 4% in the cave of 8,800 points, 2.4% in that of 17,500.
+const LIMIT: f64 = 6.5;
 /// Part of the tolerance that this may be.
 const LARGEST_LIMIT: f64 = 0.8;
 /// Fewest rays that are worth while.

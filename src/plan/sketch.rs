@@ -7,7 +7,7 @@ use rand::RngExt;
 
 use crate::error::Result;
 use crate::lights;
-use crate::links;
+use crate::links::{self, Close};
 use crate::octree::{LEAF_SIZE, Octree};
 use crate::points::{Facing, PointCloud, Surfels};
 use crate::progress::Silent;
@@ -98,7 +98,8 @@ fn look(scene: &Scene, open: bool, seed: u64) -> Result<Sketch> {
     let sent: Vec<DVec3> = (light.iter().zip(&surfels.reflectance))
         .map(|(h, r)| r.as_dvec3() * (*h + ambient))
         .collect();
-    let rays = links::gather::<f32>(&surfels, &occluders, 0..RAYS, seed, &Silent)?;
+    let close = Close::none(&surfels);
+    let rays = links::gather::<f32>(&surfels, &occluders, &close, 0..RAYS, seed, &Silent)?;
     let (mut variance, mut whole) = (0.0, 0.0);
     for i in 0..surfels.len() {
         let (mut mean, mut square) = (DVec3::ZERO, 0.0);

@@ -67,6 +67,20 @@ impl<'a> Neighbours<'a> {
             })
     }
 
+    /// The points nearest to point i, nearest first, closer than the root of `reach`, with the squares of
+    /// their distances; `count` at most, itself not among them.
+    pub fn within(&self, i: usize, reach: f32, count: usize) -> Vec<(u32, f32)> {
+        let found = self
+            .tree
+            .query(&self.positions[i].to_array())
+            .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(count))
+            .within(reach)
+            .execute();
+        let near = found.iter().map(|item| (item.item, item.distance));
+        let others = near.filter(|&(j, square)| j as usize != i && square < reach);
+        others.take(count).collect()
+    }
+
     /// The points nearest to a place, nearest first.
     pub fn around(&self, place: Vec3, count: usize) -> Vec<u32> {
         let found = self

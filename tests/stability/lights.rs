@@ -15,8 +15,7 @@ const FEW_POINTS: &str = "Known issue: cells of few points on a curved wall see 
     are about the points, says so; `checks.energy` in the stats does: it is the part that a bounce loses. \
     Take `gather`, whose rays lose nothing, or more points.";
 const RAYS_LOSE_NOTHING: &str = "In closed rooms that are nearly white the rays of `gather` are nearer to the \
-    truth than exact sums over few points. The bound that `fmm` states is up to twice too low there (known \
-    issue), the tolerance is kept.";
+    truth than exact sums over few points.";
 const BOUNCES: &str = "Where exact sums bring a little more than all light back, the equation has no solution: \
     30 bounces are written instead, and exit code 4 says so. `gather` has one up to 0.999, and says \
     that the tolerance is not met.";
@@ -37,15 +36,10 @@ pub fn white() -> Vec<Case> {
         Case::new(name, room, Truth::Sums)
     };
     let mut cases: Vec<Case> = [(0.9, 0.04), (0.99, 0.3), (0.999, 0.7)].map(furnace).into();
-    cases[2].underrated = &[Way::Fmm, Way::Device];
     cases.push(room(0.9).but(Way::Gather, Within(0.04)));
     let room_of_99 = room(0.99).but(Way::Gather, Within(0.4));
-    cases.push(Case {
-        underrated: &[Way::Fmm],
-        ..room_of_99
-            .but(Way::Classic, Within(0.08))
-            .remedy(RAYS_LOSE_NOTHING)
-    });
+    let room_of_99 = room_of_99.but(Way::Classic, Within(0.08));
+    cases.push(room_of_99.remedy(RAYS_LOSE_NOTHING));
     let nearly = room(0.999).expect(Unsolved).remedy(BOUNCES);
     cases.push(nearly.but(Way::Gather, NotMet));
     cases.push(room(0.9999).expect(Unsolved).remedy(BOUNCES));

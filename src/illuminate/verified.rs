@@ -1,0 +1,98 @@
+//! What verifying a solution says of it.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use super::quantiles::Interval;
+
+/// Upper bound of an error over the error, as a rule.
+const SPREAD: f64 = 1.3;
+
+/// Errors of a solution against the point truth, relative as [`Comparison`](crate::compare::Comparison)
+/// has it, each with its 95% bounds, lower and upper.
+///
+/// Quantiles hold a little noise of the estimates as well, and are rather too large.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub struct Errors {
+    /// Relative L2 error of the last bounce: the operator was applied once to the light of the
+    /// solution, and is compared with the exact sum over that same light.
+    pub one_bounce: Interval,
+    /// Relative L2 error of the solution: that of all bounces.
+    pub rel_l2: Interval,
+    pub median: Interval,
+    pub p95: Interval,
+    pub p99: Interval,
+    /// The largest that was found. Larger ones have at most 6 points out of as many as were looked at,
+    /// with 95% confidence.
+    pub max: f64,
+    pub bias: Interval,
+}
+
+/// What verifying a solution found.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub struct Verified {
+    /// Surfels that were looked at.
+    pub receivers: usize,
+    /// Segments that it took.
+    pub segments: u64,
+    /// Seconds that it took.
+    pub seconds: f64,
+    /// Upper bound of the errors that was asked for.
+    pub tolerance: f64,
+    /// Whether both parts' relative L2 errors are within it, with 95% confidence.
+    pub met: bool,
+    /// Of the irradiance.
+    pub total: Errors,
+    /// Relative L2 error by sampled light straight from sky and shining surfels, a part of that.
+    pub direct: Interval,
+    /// Of the irradiance by light that was reflected before, relative to itself; `None` where there is
+    /// none.
+    pub reflected: Option<Errors>,
+}
+
+impl Verified {
+    /// Upper 95% bound of the relative L2 error of both parts.
+    pub fn bound(&self) -> f64 {
+        let reflected = self.reflected.map_or(0.0, |part| part.rel_l2.high);
+        self.total.rel_l2.high.max(reflected)
+    }
+
+    /// The same, as it is as a rule.
+    pub(super) fn likely(&self) -> f64 {
+        let reflected = self.reflected.map_or(0.0, |part| likely(part.rel_l2));
+        likely(self.total.rel_l2).max(reflected)
+    }
+
+    /// Takes a tolerance as what was asked for.
+    pub(super) fn judge_by(&mut self, tolerance: f64) {
+        self.tolerance = tolerance;
+        self.met = self.bound() <= tolerance;
+    }
+}
+
+impl fmt::Display for Verified {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let percent = |error: Interval| {
+            let [value, low, high] = [error.value, error.low, error.high].map(|x| 100.0 * x);
+            format!("{value:.2}% ({low:.2} to {high:.2})")
+        };
+        write!(f, "{} in all", percent(self.total.rel_l2))?;
+        if let Some(reflected) = &self.reflected {
+            write!(f, ", {} of reflected light", percent(reflected.rel_l2))?;
+        }
+        let [p95, max] = [self.total.p95.value, self.total.max].map(|x| 100.0 * x);
+        write!(
+            f,
+            ", 95% of the points within {p95:.1}%, the worst {max:.0}%"
+        )?;
+        let bias = 100.0 * self.total.bias.value;
+        write!(f, ", bias {bias:+.2}%, by {} points", self.receivers)
+    }
+}
+
+/// Upper bound of an error, as it is as a rule: one point that is far off makes the bound, but not the error,
+/// very large.
+pub(super) fn likely(error: Interval) -> f64 {
+    error.high.min(SPREAD * error.value)
+}
