@@ -50,8 +50,9 @@
 //! 5. [`links`] decides which facet gives light to which, and measures how much of it gets
 //!    through. Far away, [`expansion`] stands for all surfels of a facet; nearby, surfels are
 //!    linked one by one. Where nothing stands in the way, [bounds alone](links::build_open()) make
-//!    them. With the method [`Gather`](Method::Gather) [rays](links::gather()) do, surfel by surfel;
-//!    with [`Classic`](Method::Classic) the [visibility](links::classic()) of all pairs of points.
+//!    them. With the method [`Gather`](Method::Gather) [rays](links::gather()) do, surfel by surfel,
+//!    beside [close pairs](links::Close); with [`Classic`](Method::Classic) the
+//!    [visibility](links::classic()) of all pairs of points.
 //!    Links that geometry alone makes, the [lists](links::adaptive()) of the adaptive method and those
 //!    of a [dual traversal](links::dual()), are there to compare with.
 //! 6. [`operator`] applies the links: radiosity in, irradiance out. Its stages are in [`passes`],

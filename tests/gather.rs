@@ -201,7 +201,7 @@ fn close_pairs_bring_rays_to_exact_sums() {
         let rows: Vec<usize> = (0..surfels.len()).collect();
         let exact = exact_irradiance(surfels, &visibility, &rows, &sent).unwrap();
         let exact: Vec<f64> = exact.iter().map(|(h, _)| h.x).collect();
-        let close = Close::find(surfels, &visibility, &Silent).unwrap();
+        let close = Close::find(surfels, 3.0, &visibility, &Silent).unwrap();
         let [without, with] = [Close::none(surfels), close].map(|close| {
             let rays = links::gather::<f32>(surfels, &case.occluders, &close, 0..1024, 1, &Silent);
             let all = close.and(&rays.unwrap(), &Silent).unwrap();

@@ -23,15 +23,20 @@ use crate::visibility::Occluders;
 pub const RAYS: RangeInclusive<u32> = 2..=1 << 16;
 /// Rays to begin with.
 const FIRST_RAYS: u32 = 16;
-/// The error falls as this power of the number of rays.
-const POWER: f64 = 0.7;
+/// The error falls as this power of the number of rays: that of smooth surfaces to begin with, then what was
+/// seen, within these bounds.
+const POWER: [f64; 2] = [0.4, 0.7];
 /// A next round has at most so many times as many rays.
 const MOST_MORE: f64 = 8.0;
 /// What a next round aims at, in units of what would just do.
 const AIM: f64 = 0.9;
-/// Rays that leave more than this part of the error are in vain: what is left is no noise, but that
-/// rays meet cells where sums take points.
-const STUCK: f64 = 0.85;
+/// Pairs up to so many spacings apart are close to each other; with so many rays that more of them hardly
+/// cost anything, up to more.
+const CLOSE: [f32; 2] = [3.0, 6.0];
+const MANY_RAYS: u32 = 256;
+/// Twice as many rays that leave more than this part of the error are in vain: what is left is no noise,
+/// but that rays meet cells where sums take points.
+const STUCK: f64 = 0.9;
 
 /// Rays that were cast.
 #[derive(Clone, Copy, Serialize, Deserialize)]
@@ -63,15 +68,15 @@ impl Task<'_> {
         if black || dark || self.max_bounces == Some(0) {
             return Ok(Solved::without_reflection(direct.irradiance));
         }
-        let close = Close::find(self.surfels, self.visibility, self.progress)?;
-        let mut cast = Cast::new(self, occluders, &close, rays / 2)?;
+        let mut cast = Cast::new(self, occluders, rays / 2)?;
         let (mut solving, mut verification) = (0.0, 0.0);
         let mut start: Option<Vec<DVec3>> = None;
+        let mut fewer = rays;
         let mut best: Option<(Solved, Verified)> = None;
         for round in 0.. {
             let more = cast.up_to(rays)?;
             let both = links::mean(&cast.rows, &more, self.progress)?;
-            let links = self.links_of(close.and(&both, self.progress)?);
+            let links = self.links_of(cast.close.and(&both, self.progress)?);
             let clock = Instant::now();
             let work = self.work(&direct.irradiance, start.as_deref(), self.stop());
             let bounced = solve(&links, &work)?;
@@ -88,8 +93,12 @@ impl Task<'_> {
             ));
             start = Some(bounced.reflected);
             let last = best.take().map(|(_, last)| last);
-            let in_vain =
-                !verified.met && last.is_some_and(|last| verified.likely() > STUCK * last.likely());
+            // The power of the number of rays by which the error fell.
+            let fell = last.map(|last| {
+                let ratio = verified.error() / last.error().max(f64::MIN_POSITIVE);
+                -ratio.log2() / f64::from(rays / fewer).log2()
+            });
+            let in_vain = !verified.met && fell.is_some_and(|power| power < -STUCK.log2());
             let solved = Solved {
                 direct: direct.irradiance.clone(),
                 irradiance: bounced.irradiance,
@@ -112,13 +121,16 @@ impl Task<'_> {
                 lights *= (1.0 / wrong).clamp(0.3, 0.8);
                 direct = self.direct_light(lights, Some(&smoother), &mut Vec::new())?;
             }
-            let more = wrong.powf(1.0 / POWER).max(2.0);
+            let [least, most] = POWER;
+            let power = fell.map_or(most, |power| power.clamp(least, most));
+            let more = wrong.powf(1.0 / power).max(2.0);
             let next = (f64::from(rays) * more.min(MOST_MORE)) as u32;
             let next = next.next_power_of_two().min(*RAYS.end());
             if let Err(why) = check_memory(next) {
                 self.progress.note(&format!("no more rays: {why}"));
                 break;
             }
+            fewer = rays;
             rays = next;
             cast.rows = both;
         }
@@ -146,7 +158,9 @@ impl Task<'_> {
 struct Cast<'a> {
     task: &'a Task<'a>,
     occluders: &'a Occluders,
-    close: &'a Close,
+    close: Close,
+    /// How far apart these are at most, in spacings.
+    spacings: f32,
     /// The mean of those that were there before the last.
     rows: Rows,
     /// From each surfel, a power of two.
@@ -155,22 +169,31 @@ struct Cast<'a> {
 }
 
 impl<'a> Cast<'a> {
-    fn new(
-        task: &'a Task,
-        occluders: &'a Occluders,
-        close: &'a Close,
-        count: u32,
-    ) -> Result<Cast<'a>> {
+    fn new(task: &'a Task, occluders: &'a Occluders, count: u32) -> Result<Cast<'a>> {
         let mut cast = Cast {
             task,
             occluders,
-            close,
-            rows: Rows::none(0),
+            close: Close::none(task.surfels),
+            spacings: 0.0,
+            rows: Rows::none(task.surfels.len()),
             count,
             seconds: 0.0,
         };
+        cast.widen(2 * count)?;
         cast.rows = cast.numbers(0..count)?;
         Ok(cast)
+    }
+
+    /// Takes as many pairs for close as is right for so many rays.
+    fn widen(&mut self, rays: u32) -> Result<()> {
+        let spacings = CLOSE[usize::from(rays >= MANY_RAYS)];
+        if spacings > self.spacings {
+            let task = self.task;
+            let close = Close::find(task.surfels, spacings, task.visibility, task.progress)?;
+            self.rows = close.without(&self.rows, task.progress)?;
+            (self.close, self.spacings) = (close, spacings);
+        }
+        Ok(())
     }
 
     fn numbers(&mut self, numbers: Range<u32>) -> Result<Rows> {
@@ -181,7 +204,7 @@ impl<'a> Cast<'a> {
             progress,
             ..
         } = *self.task;
-        let (occluders, close) = (self.occluders, self.close);
+        let (occluders, close) = (self.occluders, &self.close);
         let rows = links::gather::<f32>(surfels, occluders, close, numbers, seed, progress)?;
         self.seconds += clock.elapsed().as_secs_f64();
         Ok(rows)
@@ -190,6 +213,7 @@ impl<'a> Cast<'a> {
     /// Casts up to so many rays from each surfel, a power of two: the second half of them, when `rows`
     /// holds the first.
     fn up_to(&mut self, rays: u32) -> Result<Rows> {
+        self.widen(rays)?;
         loop {
             let more = self.numbers(self.count..2 * self.count)?;
             self.count *= 2;

@@ -55,18 +55,14 @@ impl Receivers {
             .map(place)
             .map(|x| up_to.partition_point(|&end| end <= x).min(n - 1) as u32)
             .collect();
-        let end = |k: usize| {
-            up_to
-                .partition_point(|&end| end < k as f64 * part)
-                .min(n - 1)
-                + 1
+        // A surfel in two parts goes to the first.
+        let end = |k: usize| match k == count {
+            true => n as u32,
+            false => up_to.partition_point(|&end| end < k as f64 * part) as u32 + 1,
         };
         Receivers {
             weights: surfels.iter().map(|&i| weights[i as usize]).collect(),
-            ends: (1..=count)
-                .map(|k| if k < count { end(k) } else { n })
-                .map(|end| end as u32)
-                .collect(),
+            ends: (1..=count).map(|k| end(k).min(n as u32)).collect(),
             surfels,
         }
     }

@@ -58,7 +58,13 @@ impl Verified {
         self.total.rel_l2.high.max(reflected)
     }
 
-    /// The same, as it is as a rule.
+    /// Relative L2 error of that part which has the larger one.
+    pub(super) fn error(&self) -> f64 {
+        let reflected = self.reflected.map_or(0.0, |part| part.rel_l2.value);
+        self.total.rel_l2.value.max(reflected)
+    }
+
+    /// The upper bound, as it is as a rule.
     pub(super) fn likely(&self) -> f64 {
         let reflected = self.reflected.map_or(0.0, |part| likely(part.rel_l2));
         likely(self.total.rel_l2).max(reflected)

@@ -42,7 +42,9 @@ pub struct Verifier<'a> {
 }
 
 /// Surfels that are looked at, at most and at least.
-const RECEIVERS: [usize; 2] = [1000, 200];
+const RECEIVERS: [usize; 2] = [3000, 200];
+/// Fewest of them for which exact sums are taken.
+const EXACT: usize = 1000;
 /// Draws of an estimate, on average, at a tolerance of 0.03: its noise should be as large as the error.
 const DRAWS: f64 = 48.0;
 /// Draws of the two estimates each that tell where more are needed.
@@ -77,7 +79,7 @@ impl Verifier<'_> {
             true => (40 + (1 << 22) / n.max(1)).min(RECEIVERS[1]),
             false => 2 * budget as usize / n.max(1),
         };
-        let exact = exact_rows.min(n) >= RECEIVERS[0].min(n) || self.visibility.is_open();
+        let exact = exact_rows.min(n) >= EXACT.min(n) || self.visibility.is_open();
         let lights = self.kinds(claim);
         let count = match exact {
             true => exact_rows.min(RECEIVERS[0]),

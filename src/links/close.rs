@@ -16,10 +16,8 @@ use crate::points::{Neighbours, Surfels};
 use crate::progress::Progress;
 use crate::visibility::{Segment, Visibility};
 
-/// Pairs are close up to this distance, in spacings (square root of the larger area).
-const SPACINGS: f32 = 3.0;
 /// Others that are close to a surfel, at most: where areas are too large for the points around.
-const MOST: usize = 256;
+const MOST: usize = 512;
 /// Surfels whose pairs are tested in one batch.
 const BATCH: usize = 1 << 15;
 
@@ -40,8 +38,10 @@ impl Close {
         }
     }
 
+    /// Those at most so many `spacings` (square roots of the larger area) apart.
     pub fn find(
         surfels: &Surfels,
+        spacings: f32,
         visibility: &dyn Visibility,
         progress: &dyn Progress,
     ) -> Result<Close> {
@@ -51,7 +51,7 @@ impl Close {
         let surface = Surface::<f32>::new(surfels);
         let faces = |i, j| surface.form_factor(i, j) > 0.0 || surface.form_factor(j, i) > 0.0;
         let around = |i: usize| {
-            let reach = SPACINGS * SPACINGS * surfels.areas[i];
+            let reach = spacings * spacings * surfels.areas[i];
             let mut found = tree.within(i, reach, MOST);
             let reach = match found.get(MOST - 1) {
                 Some(&(_, farthest)) => farthest,
@@ -99,6 +99,11 @@ impl Close {
         Ok(close)
     }
 
+    /// Links by rays, less those between pairs that are close.
+    pub fn without(&self, rays: &Rows, progress: &dyn Progress) -> Result<Rows> {
+        sum(&[(1.0, rays)], |i, j| !self.has(i, j), progress)
+    }
+
     /// Whether two surfels are close, so that no ray counts between them.
     pub(super) fn has(&self, i: usize, j: usize) -> bool {
         self.square(i, j) < self.reaches[i].1.max(self.reaches[j].1)
@@ -117,7 +122,11 @@ impl Close {
         } else {
             1.0
         };
-        sum([(factor as f32, &self.rows), (1.0, rays)], progress)
+        sum(
+            &[(factor as f32, &self.rows), (1.0, rays)],
+            |_, _| true,
+            progress,
+        )
     }
 
     fn square(&self, i: usize, j: usize) -> f32 {

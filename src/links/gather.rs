@@ -58,9 +58,8 @@ pub fn gather<T: Real>(
         let mut links: Vec<(u32, u32)> = (rays.into_iter())
             .filter_map(|(_, i, way)| {
                 let ray = surfels.ray(i as usize, way * reach);
-                let hit = first_hit::<T>(occluders, &ray)?;
-                let counts = hit.front && !close.has(i as usize, hit.surfel as usize);
-                counts.then_some((i, hit.surfel))
+                let hit = first_hit::<T>(occluders, &ray).filter(|hit| hit.front)?;
+                Some((i, hit.surfel))
             })
             .collect();
         links.sort_unstable();
@@ -78,8 +77,10 @@ pub fn gather<T: Real>(
             let mut part = Part::default();
             for same in met(chunk).chunk_by(|a, b| a == b) {
                 let (target, source) = same[0];
-                part.push(target, source);
-                part.weights.push(same.len() as f32 * weight);
+                if !close.has(target as usize, source as usize) {
+                    part.push(target, source);
+                    part.weights.push(same.len() as f32 * weight);
+                }
             }
             part
         }));
@@ -100,11 +101,16 @@ fn direction(way: Vec3) -> u64 {
 ///
 /// Fails with [`Error::TooLarge`](crate::Error::TooLarge) beyond 2³² links.
 pub fn mean(a: &Rows, b: &Rows, progress: &dyn Progress) -> Result<Rows> {
-    sum([(0.5, a), (0.5, b)], progress)
+    sum(&[(0.5, a), (0.5, b)], |_, _| true, progress)
 }
 
-/// The sum of two lists of links, each times a factor, whose rows are in the order of their sources.
-pub(super) fn sum(terms: [(f32, &Rows); 2], progress: &dyn Progress) -> Result<Rows> {
+/// The sum of lists of links, each times a factor, as far as target and source are to `keep`; its rows are in
+/// the order of their sources.
+pub(super) fn sum(
+    terms: &[(f32, &Rows)],
+    keep: impl Fn(usize, usize) -> bool + Sync,
+    progress: &dyn Progress,
+) -> Result<Rows> {
     let targets = terms[0].1.offsets.len() - 1;
     let of_chunk = |chunk: Range<usize>| {
         let mut part = Part::default();
@@ -112,10 +118,8 @@ pub(super) fn sum(terms: [(f32, &Rows); 2], progress: &dyn Progress) -> Result<R
         for target in chunk {
             row.clear();
             for (factor, rows) in terms {
-                row.extend(
-                    rows.row(target)
-                        .map(|(source, weight)| (source, factor * weight)),
-                );
+                let kept = rows.row(target).filter(|&(source, _)| keep(target, source));
+                row.extend(kept.map(|(source, weight)| (source, factor * weight)));
             }
             row.sort_by_key(|&(source, _)| source);
             for same in row.chunk_by(|a, b| a.0 == b.0) {

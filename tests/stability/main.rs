@@ -11,6 +11,7 @@ mod rooms;
 mod harness;
 mod lights;
 mod normals;
+mod operators;
 mod page;
 mod places;
 mod scenes;
@@ -129,6 +130,7 @@ fn page() {
         page.push_str(&page::table(section, &lit));
         complaints.extend(others);
     }
+    page.push_str(&operators::table());
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/stability.md");
     std::fs::write(path, page).expect("written");
     assert!(complaints.is_empty(), "{complaints:#?}");

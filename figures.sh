@@ -1,0 +1,89 @@
+#!/usr/bin/env bash
+# Every figure that README.md quotes, found anew: `./figures.sh` for all of them (a few hours),
+# `./figures.sh NAME...` for some. What is printed is kept in target/figures/NAME.txt; pictures and
+# docs/stability.md are written where the README shows them.
+#
+# Let nothing else run beside it. `large` is of a scan of your own: ROOM=room.laz ./figures.sh large
+set -euo pipefail
+cd "$(dirname "$0")"
+
+all=(picture exact surface tolerance growth blocks lights walls stability rays visibility open order benches chart large)
+scenes=(cornell organic two_rooms cave)
+out=target/figures
+mkdir -p "$out"
+cargo build --release --bins --examples
+program=target/release/fmmgi-gpu
+
+solve() { "$program" solve "$@" --backend cpu; }
+tests() { cargo test --release "$@" -- --include-ignored --nocapture --test-threads 1; }
+clock() { TIMEFORMAT='%R s'; time "$@"; }
+
+# The pictures at the top and of the report's method.
+picture() {
+    clock solve scenes/cornell.toml --points 200000 --image docs/cornell.png --size 640x540
+    cargo run --release --example figure_2_10 -- docs/figure_2_10.png
+}
+
+# Methods against exact sums.
+exact() {
+    for scene in "${scenes[@]}"; do
+        for method in direct fmm gather classic; do
+            echo "== $scene, $method"
+            clock solve "scenes/$scene.toml" --points 10000 --method "$method" -o "$out/$method.ply"
+            [[ $method = direct ]] || "$program" compare "$out/$method.ply" "$out/direct.ply"
+        done
+    done
+}
+
+surface() { tests --test surface_truth --test noise; }
+
+tolerance() {
+    cargo run --release --example tolerance
+    while read -r scene points tolerance; do
+        echo "== $scene, $points points, $tolerance"
+        clock solve "scenes/$scene.toml" --points "$points" --tolerance "$tolerance" -v -o "$out/lit.ply"
+    done <<<"cornell 128000 0.02
+organic 128000 0.02
+cave 120000 0.025
+cornell 1000000 0.02
+cornell 20000 0.02
+cornell 200000 0.02
+cornell 2000000 0.02"
+}
+
+growth() { cargo bench --bench growth; }
+blocks() { tests --test even; }
+lights() { cargo bench --bench relight; }
+walls() { tests --test walls --test curved --test contact --test cave_scan; }
+stability() { cargo test --release --test stability page -- --ignored --nocapture; }
+rays() { tests --test gather; }
+visibility() { tests --test point_visible --test classic --test visibility; }
+open() { cargo bench --bench figure_2_11; }
+order() { tests --test smooth; }
+
+benches() { for bench in solve stages visibility p2p; do cargo bench --bench "$bench"; done; }
+
+chart() {
+    "$program" chart -o "$out/chart"
+    for picture in error_time growth order stages; do
+        cp "$out/chart/$picture.svg" "docs/chart_$picture.svg"
+    done
+}
+
+large() {
+    if [[ -z ${ROOM-} ]]; then
+        echo "left out: name a scanned room, ROOM=room.laz"
+        return
+    fi
+    clock solve "$ROOM" --light point:-0.7,-0.7,2.5 --normals inward -v --stats "$out/large.json" -o "$out/large.ply"
+}
+
+names=("$@")
+for name in "${names[@]:-${all[@]}}"; do
+    if [[ " ${all[*]} " != *" $name "* ]]; then
+        echo "no figures of that name: $name (there are ${all[*]})" >&2
+        exit 2
+    fi
+    printf '\n== %s\n' "$name"
+    "$name" 2>&1 | tee "$out/$name.txt"
+done
