@@ -11,7 +11,6 @@ all=(picture exact surface tolerance growth blocks lights walls stability rays v
 scenes=(cornell organic two_rooms cave)
 out=target/figures
 mkdir -p "$out"
-cargo build --release --bins --examples
 program=target/release/fmmgi-gpu
 
 solve() { "$program" solve "$@" --backend cpu; }
@@ -79,11 +78,15 @@ large() {
 }
 
 names=("$@")
-for name in "${names[@]:-${all[@]}}"; do
+[[ $# -gt 0 ]] || names=("${all[@]}")
+for name in "${names[@]}"; do
     if [[ " ${all[*]} " != *" $name "* ]]; then
         echo "no figures of that name: $name (there are ${all[*]})" >&2
         exit 2
     fi
+done
+cargo build --release --bins --examples
+for name in "${names[@]}"; do
     printf '\n== %s\n' "$name"
     "$name" 2>&1 | tee "$out/$name.txt"
 done
