@@ -88,5 +88,5 @@ done
 cargo build --release --bins --examples
 for name in "${names[@]}"; do
     printf '\n== %s\n' "$name"
-    "$name" 2>&1 | tee "$out/$name.txt"
+    "$name" 2>&1 | tee "$out/$name.txt" || echo "$name: ended with an error"
 done
