@@ -50,7 +50,7 @@ pub(super) fn amplified<O: TransportOperator>(
     let n = surfels.len();
     let unit = receivers.mean(errors[0].iter().map(|e| e * e)).sqrt();
     let mut amplified = Amplified {
-        carried: [(); 2].map(|()| vec![0.0; receivers.surfels.len()]),
+        carried: [(); 2].map(|()| vec![0.0; receivers.len()]),
         square: 0.0,
         chance: 0.0,
     };

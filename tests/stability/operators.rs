@@ -171,9 +171,19 @@ pub fn table() -> String {
     table + "\n"
 }
 
+/// Up to the sixth, each order has less than half the error of the one before (measured: a third at most), in
+/// all units.
 #[test]
 fn all_orders_in_all_units() {
-    for (order, (name, errors)) in orders() {
+    let rows = orders();
+    for [(_, (_, before)), (order, (name, errors))] in rows.array_windows() {
+        let fell = before
+            .iter()
+            .zip(errors)
+            .all(|(a, b)| *b < a.map(|a| 0.5 * a));
+        assert!(!(1..=6).contains(order) || fell, "{name}: {errors:?}");
+    }
+    for (order, (name, errors)) in rows {
         println!("{name}: {errors:?}");
         let opening = 0.5 * f64::from(THETA);
         let expected = expected_error(order, opening, opening);
@@ -189,7 +199,8 @@ fn all_orders_in_all_units() {
 fn one_point_a_leaf_to_one_leaf() {
     for (name, errors) in leaves() {
         println!("{name}: {errors:?}");
+        let most = if name.contains("without") { 0.02 } else { 0.05 };
         let found = errors.into_iter().flatten();
-        assert!(found.clone().all(|e| e < 0.05), "{name}: {errors:?}");
+        assert!(found.clone().all(|e| e < most), "{name}: {errors:?}");
     }
 }
