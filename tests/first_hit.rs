@@ -5,7 +5,9 @@ mod common;
 use common::{clutter, crossings, furnished_room, polygons, segment, some_segments, sphere};
 use fmmgi_gpu::Surfels;
 use fmmgi_gpu::points::Cells;
-use fmmgi_gpu::visibility::{BEHIND, Hit, NO_SURFEL, Occluders, RIM, Segment, blocked, first_hit};
+use fmmgi_gpu::visibility::{
+    BEHIND, EDGE, Hit, NO_SURFEL, Occluders, RIM, Segment, TOGETHER, blocked, first_hit,
+};
 use glam::{Quat, Vec3};
 
 fn scenes() -> [(&'static str, Surfels); 4] {
@@ -18,9 +20,14 @@ fn scenes() -> [(&'static str, Surfels); 4] {
     ]
 }
 
-/// What is met first by all cells in turn: instead of a back the first front before it, if the segment
-/// passed by within the rim of both.
-fn expected(surfels: &Surfels, rimmed: &Surfels, s: &Segment) -> Option<(Hit, bool)> {
+/// What is met first by all cells in turn: instead of a back the first front before it that the segment
+/// passed by within the rim of both, and of another one on the other side, or closely.
+fn expected(
+    surfels: &Surfels,
+    edged: &Surfels,
+    rimmed: &Surfels,
+    s: &Segment,
+) -> Option<(Hit, bool)> {
     let (t, surfel, front) = crossings(surfels, s).min_by(|a, b| a.0.total_cmp(&b.0))?;
     let hit = Hit { surfel, front };
     if front {
@@ -32,14 +39,29 @@ fn expected(surfels: &Surfels, rimmed: &Surfels, s: &Segment) -> Option<(Hit, bo
         let corners = rimmed.cells.corners[i as usize].iter();
         f64::from(corners.fold(0.0, |r: f32, c| r.max(c.length())) * rimmed.occluder_scale)
     };
+    let place = |i: u32| rimmed.positions[i as usize].as_dvec3();
+    let aside = |u: f64, i: u32| place(i) - (from + u * along);
     let passed_by = crossings(rimmed, s).filter(|&(u, i, front)| {
         let reach = radius(i).min(radius(surfel));
-        let aside = from + u * along - rimmed.positions[i as usize].as_dvec3();
         let behind = f64::from(BEHIND / RIM) * reach;
-        front && u < t && (t - u) * along.length() <= behind && aside.length() <= reach
+        front && u < t && (t - u) * along.length() <= behind && aside(u, i).length() <= reach
     });
-    match passed_by.min_by(|a, b| a.0.total_cmp(&b.0)) {
-        Some((_, surfel, front)) => Some((Hit { surfel, front }, true)),
+    let passed_by: Vec<(f64, u32, bool)> = passed_by.collect();
+    let straight = |(u, i, _)| aside(u, i).reject_from(along);
+    let close: Vec<u32> = crossings(edged, s).map(|(_, i, _)| i).collect();
+    let closed = |&&a: &&(f64, u32, bool)| {
+        close.contains(&a.1)
+            || passed_by.iter().any(|&b| {
+                let apart = (a.0 - b.0).abs() * along.length();
+                apart <= f64::from(TOGETHER) * radius(surfel) && straight(a).dot(straight(b)) < 0.0
+            })
+    };
+    let first = passed_by
+        .iter()
+        .filter(closed)
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    match first {
+        Some(&(_, surfel, front)) => Some((Hit { surfel, front }, true)),
         None => Some((hit, false)),
     }
 }
@@ -49,11 +71,13 @@ fn the_first_of_all_cells_is_found() {
     let mut all = 0;
     for (name, surfels) in scenes() {
         let occluders = Occluders::build(&surfels);
-        let mut rimmed = surfels.clone();
-        rimmed.occluder_scale *= RIM;
+        let [edged, rimmed] = [EDGE, RIM].map(|scale| Surfels {
+            occluder_scale: scale * surfels.occluder_scale,
+            ..surfels.clone()
+        });
         let (mut fronts, mut backs, mut passed_by) = (0, 0, 0);
         for s in &some_segments(&surfels, 3000) {
-            let expected = expected(&surfels, &rimmed, s);
+            let expected = expected(&surfels, &edged, &rimmed, s);
             let hit = expected.map(|(hit, _)| hit);
             assert_eq!(first_hit::<f64>(&occluders, s), hit, "{name}: {s:?}");
             match expected {
@@ -112,20 +136,27 @@ fn the_tree_decides_nothing() {
     }
 }
 
-/// A sheet far behind a table says nothing of its edge, whichever side it shows.
+/// A sheet far behind a gap says nothing of it, whichever side it shows; one behind the edge of a table
+/// only if it is closely passed by.
 #[test]
-fn a_back_far_behind_an_edge_is_met() {
-    let table = (Vec3::ZERO, Vec3::Z);
-    let sheet = |z: f32| (Vec3::new(1.4, 0.0, z), Vec3::NEG_Z);
-    let met = |z: f32| {
-        let squares = polygons(&[table, sheet(z)], 4, 2f32.sqrt());
-        let down = segment(Vec3::new(1.4, 0.0, 1.0), Vec3::new(1.4, 0.0, -199.0));
-        first_hit::<f64>(&Occluders::build(&squares), &down)
-            .unwrap()
-            .surfel
+fn a_back_far_behind_a_gap_or_beside_an_edge_is_met() {
+    let square = |x: f32, z: f32, up: f32| (Vec3::new(x, 0.0, z), up * Vec3::Z);
+    let met = |tables: &[_], x: f32, z: f32| {
+        let places = [tables, &[square(x, z, -1.0)]].concat();
+        let squares = polygons(&places, 4, 2f32.sqrt());
+        let down = segment(Vec3::new(x, 0.0, 1.0), Vec3::new(x, 0.0, -199.0));
+        let hit = first_hit::<f64>(&Occluders::build(&squares), &down).unwrap();
+        (hit.surfel as usize, hit.front)
     };
+    let two = [square(0.0, 0.0, 1.0), square(3.1, 0.0, 1.0)];
+    let one = &two[..1];
     // 64 radii are 64√2.
-    assert_eq!([-0.1, -90.4, -90.6, -180.0].map(met), [0, 0, 1, 1]);
+    let places = [-0.1, -90.4, -90.6, -180.0];
+    let at_gap = [(0, true), (0, true), (2, false), (2, false)];
+    let closely = [(0, true), (0, true), (1, false), (1, false)];
+    assert_eq!(places.map(|z| met(&two, 1.5, z)), at_gap);
+    assert_eq!(places.map(|z| met(one, 1.35, z)), closely);
+    assert_eq!(places.map(|z| met(one, 1.45, z)), [(1, false); 4]);
 }
 
 /// Squares side by side with their fronts up, a sheet with its front down below them.

@@ -39,6 +39,8 @@ const STUCK: f64 = 0.95;
 const AIM: f64 = 0.9;
 /// Bounds of the factor on what is allowed from one round to the next.
 const STEP: [f64; 2] = [0.03, 0.7];
+/// Largest such factor without occlusion, where a round costs next to nothing, and errors fall by steps.
+const OPEN_STEP: f64 = 0.35;
 
 /// What decides on the error of a solution.
 #[derive(Clone, Copy, Debug)]
@@ -318,7 +320,8 @@ impl Effort {
                 }
                 _ => usual,
             };
-            next.links *= by_links.powf(-1.0 / power).clamp(STEP[0], STEP[1]);
+            let largest = if open { OPEN_STEP } else { STEP[1] };
+            next.links *= by_links.powf(-1.0 / power).clamp(STEP[0], largest);
         }
         next
     }

@@ -37,6 +37,8 @@ const MANY_RAYS: u32 = 256;
 /// Twice as many rays that leave more than this part of the error are in vain: what is left is no noise,
 /// but that rays meet cells where sums take points.
 const STUCK: f64 = 0.9;
+/// An error is known well enough to tell that, if its upper bound is less than this many times as large.
+const KNOWN: f64 = 1.2;
 
 /// Rays that were cast.
 #[derive(Clone, Copy, Serialize, Deserialize)]
@@ -98,7 +100,10 @@ impl Task<'_> {
                 let ratio = verified.error() / last.error().max(f64::MIN_POSITIVE);
                 -ratio.log2() / f64::from(rays / fewer).log2()
             });
-            let in_vain = !verified.met && fell.is_some_and(|power| power < -STUCK.log2());
+            // A few points that are far off make an error that is not well known.
+            let known = verified.bound() < KNOWN * verified.error();
+            let stuck = fell.is_some_and(|power| power < -STUCK.log2());
+            let in_vain = !verified.met && known && stuck;
             let solved = Solved {
                 direct: direct.irradiance.clone(),
                 irradiance: bounced.irradiance,

@@ -16,7 +16,7 @@ use crate::error::Result;
 use crate::lights;
 use crate::links::{self, Accuracy, CLAMPED, Links, States, Thresholds};
 use crate::octree::Octree;
-use crate::operator::{Direct, Fields, TransportOperator};
+use crate::operator::{Direct, Fields, Fmm, TransportOperator};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -150,18 +150,8 @@ impl Task<'_> {
     ) -> Result<DirectLight> {
         let mut irradiance = self.point_lights(repairs)?;
         let mut sampled = self.sky(tolerance)?;
-        let mut emitted = lights::emitted(
-            self.surfels,
-            tolerance,
-            self.seed,
-            self.visibility,
-            self.progress,
-        )?;
-        if let Some(smoother) = smoother {
-            emitted.smooth(smoother);
-        }
         let lights = irradiance.iter_mut().zip(&mut sampled);
-        for ((light, sampled), emitted) in lights.zip(emitted.irradiance()) {
+        for ((light, sampled), emitted) in lights.zip(self.emitted(tolerance, smoother)?) {
             *sampled += emitted;
             *light += *sampled;
         }
@@ -169,6 +159,31 @@ impl Task<'_> {
             irradiance,
             sampled,
         })
+    }
+
+    /// Light from the surfels that shine.
+    fn emitted(&self, tolerance: f64, smoother: Option<&Smoother>) -> Result<Vec<DVec3>> {
+        let (surfels, octree, progress) = (self.surfels, self.octree, self.progress);
+        let emission: Vec<DVec3> = surfels.emission.iter().map(|e| e.as_dvec3()).collect();
+        let dark = emission.iter().all(|e| *e == DVec3::ZERO);
+        if self.visibility.is_open() && !dark {
+            let apply = |irradiance: Option<&[DVec3]>| {
+                let accuracy = self.accuracy(&emission, irradiance, tolerance);
+                let links = links::build_open(surfels, octree, &accuracy, progress)?;
+                let operator = Fmm::<f32>::new(surfels, octree, &links);
+                let fields = operator.fields();
+                fields.download(&operator.apply(&fields.upload(&emission)?)?)
+            };
+            // How much light there is says how accurate it has to be.
+            let rough = apply(None)?;
+            return apply(Some(&rough));
+        }
+        let mut emitted =
+            lights::emitted(surfels, tolerance, self.seed, self.visibility, progress)?;
+        if let Some(smoother) = smoother {
+            emitted.smooth(smoother);
+        }
+        Ok(emitted.irradiance())
     }
 
     fn point_lights(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {

@@ -145,7 +145,12 @@ impl Job {
         let hollow = self.sketch.curved * self.sketch.hidden;
         let between = |[flat, all]: [f64; 2]| flat + (all - flat) * hollow;
         let lights = n * self.lights();
-        let shining = n * self.sketch.shining.powi(2);
+        // Where nothing is in the way, surfels that shine have links as those that reflect.
+        let shining = if self.open {
+            0.0
+        } else {
+            n * self.sketch.shining.powi(2)
+        };
         let clusters = (0.03 / self.tolerance).powf(BY_SHINING[0]) * (n / 1e4).powf(BY_SHINING[1]);
         let segment = between(seconds::SEGMENT);
         let reflects = self.sketch.contrast > 0.0;
@@ -161,7 +166,8 @@ impl Job {
             Method::Fmm | Method::Auto if !reflects => (0.0, 0.0),
             Method::Fmm | Method::Auto if self.open => {
                 let order = open::order(self.tolerance) as f64;
-                (n * (1.0 + order) * seconds::OPEN, n * bytes::OPEN)
+                let fields = 1.0 + self.sketch.shining;
+                (n * (1.0 + order) * fields * seconds::OPEN, n * bytes::OPEN)
             }
             Method::Fmm | Method::Auto => {
                 let segments = n * self.segments();

@@ -14,6 +14,7 @@ use serde::Serialize;
 
 use self::cost::{Cost, Job};
 pub use self::sketch::Sketch;
+pub(crate) use self::sketch::lit_from_within;
 use crate::error::{Error, Result};
 use crate::illuminate::{Backend, Method, Occlusion, Options, check, tolerance};
 use crate::links;
@@ -32,6 +33,8 @@ pub struct Plan {
     pub surfels: usize,
     /// How the operator is applied, never `Auto`.
     pub method: Method,
+    /// What is taken to stand in the way.
+    pub occlusion: Occlusion,
     /// Relative error that is asked for.
     pub tolerance: f64,
     /// Largest order of the expansions, with the methods that have some.
@@ -124,8 +127,15 @@ impl Plan {
     ) -> Result<Plan> {
         check(scene, options, backend)?;
         let tolerance = tolerance(scene, options);
-        let surfels = surfels(scene, &thinning(options, tolerance));
-        let open = options.occlusion == Occlusion::None;
+        let sketch = Sketch::of(scene, options.occlusion == Occlusion::None, options.seed);
+        // Links serve lights elsewhere too, and other methods are what they are asked for.
+        let linked = matches!(options.method, Method::Auto | Method::Fmm) && !many;
+        let occlusion = match linked && sketch.lies_open {
+            true => Occlusion::None,
+            false => options.occlusion,
+        };
+        let open = occlusion == Occlusion::None;
+        let surfels = surfels(scene, &thinning(options, occlusion, tolerance));
         let job = Job {
             points: scene.cloud.len(),
             surfels,
@@ -134,10 +144,10 @@ impl Plan {
             open,
             lamps: scene.lights.len(),
             threads: rayon::current_num_threads(),
-            sketch: Sketch::of(scene, open, options.seed),
+            sketch,
         };
         let (method, why) = choose(options, backend, &job, free, many);
-        let (order, leaf_size) = expansions(options, method, tolerance, surfels, backend)?;
+        let (order, leaf_size) = expansions(options, method, &job, backend)?;
         let rays = options
             .rays
             .map(u32::next_power_of_two)
@@ -148,6 +158,7 @@ impl Plan {
             points: job.points,
             surfels,
             method,
+            occlusion,
             tolerance,
             order: expanded(method).then_some(order),
             leaf_size,
@@ -235,9 +246,14 @@ impl Plan {
                 ),
             });
         }
-        choices.push(match job.open {
-            true => choice("visibility", &"none", "asked for"),
-            false => choice(
+        choices.push(match (options.occlusion, self.occlusion) {
+            (Occlusion::None, _) => choice("visibility", &"none", "asked for"),
+            (_, Occlusion::None) => choice(
+                "visibility",
+                &"none",
+                "no point and no light is behind the plane of a point: nothing is in the way",
+            ),
+            _ => choice(
                 "visibility",
                 &"surfels",
                 &format!(
@@ -306,9 +322,9 @@ const LEFT: f64 = 0.58;
 
 /// Fewer points to do the work with: where nothing is told, as many as are enough. Without occlusion, a
 /// point more takes next to nothing.
-pub(crate) fn thinning(options: &Options, tolerance: f64) -> Thinning {
+pub(crate) fn thinning(options: &Options, occlusion: Occlusion, tolerance: f64) -> Thinning {
     Thinning {
-        enough_for: (options.occlusion == Occlusion::Surfels).then_some(tolerance),
+        enough_for: (occlusion == Occlusion::Surfels).then_some(tolerance),
         ..options.thinning
     }
 }
@@ -394,11 +410,15 @@ fn choose(
 fn expansions(
     options: &Options,
     method: Method,
-    tolerance: f64,
-    surfels: usize,
+    job: &Job,
     backend: &Backend,
 ) -> Result<(usize, usize)> {
-    let open = options.occlusion == Occlusion::None;
+    let &Job {
+        open,
+        tolerance,
+        surfels,
+        ..
+    } = job;
     let classic = method == Method::Classic;
     let order = options.order.unwrap_or(match open || classic {
         true => links::open::order(tolerance),

@@ -24,7 +24,7 @@ pub use point_visible::{
     CpuPointVisibility, LOOKUP, MAX_CLOSEST, PointOccluder, PointTest, PointTree, segment_of,
 };
 pub use seen::Seen;
-pub use segment::{BEHIND, Hit, RIM, blocked, first_hit, meeting};
+pub use segment::{BEHIND, EDGE, Hit, RIM, TOGETHER, blocked, first_hit, meeting};
 pub(crate) use stored::Shape;
 pub use wide::WideNode;
 

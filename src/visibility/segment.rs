@@ -13,6 +13,10 @@ pub const RIM: f32 = 2.0;
 /// How far before a back, in radii of either cell, the gap may lie: as far as bodies are thick. What is
 /// seen from behind farther off has nothing to do with the edges before it.
 pub const BEHIND: f32 = 64.0;
+/// The same where there are cells on one side alone: a narrow gap, or an edge.
+pub const EDGE: f32 = 1.4;
+/// Cells on two sides of one gap are passed by within so many of its widths of each other.
+pub const TOGETHER: f32 = 3.0;
 
 /// Whether a cell, other than the two that the segment excludes, is met strictly between its ends.
 pub fn blocked<T: Real>(occluders: &Occluders, segment: &Segment) -> bool {
@@ -46,7 +50,8 @@ pub struct Hit {
 ///
 /// Where neighbours are not in one plane, there are gaps between their cells. A segment that comes to
 /// the back of a surface may have slipped through one: then it meets the first cell that it passed by
-/// on the front, within [`RIM`] and [`BEHIND`].
+/// on the front, within [`RIM`] and [`BEHIND`]; within [`EDGE`] if it passed by none on the other side, as
+/// at the edge of a surface.
 pub fn first_hit<T: Real>(occluders: &Occluders, segment: &Segment) -> Option<Hit> {
     let (from, to) = ends::<T>(segment);
     let mut first = (T::ONE, NO_SURFEL);
@@ -80,7 +85,19 @@ pub fn first_hit<T: Real>(occluders: &Occluders, segment: &Segment) -> Option<Hi
     })
 }
 
-/// The first front that a segment passed by, before it met this back at this part of its length.
+/// A front that a segment passed by.
+struct Passed {
+    /// Distance from the segment's beginning.
+    at: f32,
+    surfel: u32,
+    /// Whether that was closely.
+    closely: bool,
+    /// From the segment straight to its surfel.
+    aside: Vec3,
+}
+
+/// The first front at a gap that a segment passed by, before it met this back at this part of its
+/// length.
 fn passed_by<T: Real>(
     occluders: &Occluders,
     segment: &Segment,
@@ -88,15 +105,16 @@ fn passed_by<T: Real>(
     part: T,
 ) -> Option<u32> {
     let (from, to) = ends::<T>(segment);
-    let [rim, behind] = [RIM, BEHIND].map(T::from_f32);
+    let [rim, edge] = [RIM, EDGE].map(T::from_f32);
     let way = to - from;
-    let square = way.dot(way);
-    let mut first = (part, NO_SURFEL);
+    let length = way.length();
+    let along = (way * (T::ONE / length)).to_f32();
     // The segment's last stretch before the back, and what is as near to it as a gap may be wide.
     let radius = back.radius_squared.sqrt();
     let place = (from + way * part).to_f32();
     let stretch = Vec3::from(segment.from) - place;
     let stretch = place + stretch.clamp_length_max(BEHIND * radius);
+    let mut fronts: Vec<Passed> = Vec::new();
     walk::<false>(
         &occluders.wide,
         &Line::new(stretch, place, RIM * radius),
@@ -106,23 +124,33 @@ fn passed_by<T: Real>(
                 let Some(crossing) = crossing::<T>(cell, from, to, rim) else {
                     continue;
                 };
-                let here = (crossing.part(), cell.surfel);
-                if here >= first || !crossing.is_front() || excludes(segment, cell.surfel) {
+                let here = crossing.part();
+                if here >= part || !crossing.is_front() || excludes(segment, cell.surfel) {
                     continue;
                 }
-                let radius_squared = T::from_f32(cell.radius_squared.min(back.radius_squared));
+                let size = T::from_f32(radius.min(cell.radius_squared.sqrt()));
                 let [x, y] = crossing.at;
-                let gap = part - here.0;
-                if x * x + y * y <= radius_squared * (rim * rim)
-                    && gap * gap * square <= radius_squared * (behind * behind)
+                if x * x + y * y <= (size * rim) * (size * rim)
+                    && (part - here) * length <= size * T::from_f32(BEHIND)
                     && covers(cell, crossing.at.map(|x| x / rim))
                 {
-                    first = here;
+                    let aside = Vec3::from(cell.position) - (from + way * here).to_f32();
+                    fronts.push(Passed {
+                        at: (here * length).to_f64() as f32,
+                        surfel: cell.surfel,
+                        closely: covers(cell, crossing.at.map(|x| x / edge)),
+                        aside: aside.reject_from_normalized(along),
+                    });
                 }
             }
         },
     );
-    (first.1 != NO_SURFEL).then_some(first.1)
+    fronts.sort_unstable_by(|a, b| a.at.total_cmp(&b.at).then(a.surfel.cmp(&b.surfel)));
+    let across = |a: &Passed, b: &Passed| {
+        (a.at - b.at).abs() <= TOGETHER * RIM * radius && a.aside.dot(b.aside) < 0.0
+    };
+    let closed = |a: &&Passed| a.closely || fronts.iter().any(|b| across(a, b));
+    fronts.iter().find(closed).map(|front| front.surfel)
 }
 
 /// Where the open segment crosses the plane of a cell inside it or on its edge, as a part of its
