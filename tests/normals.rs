@@ -434,3 +434,28 @@ fn normals_of_scans_are_found_again() {
         assert!(found.median < median && found.wrong < wrong);
     }
 }
+
+/// Normals that a file has stay as they are, but for those of the wrong side altogether.
+#[test]
+fn given_normals_are_turned_as_told() {
+    let given = torus(2000, 3);
+    let outward = given.normals.clone();
+    let inward: Vec<Vec3> = outward.iter().map(|n| -*n).collect();
+    let turned = |normals: &[Vec3], facing: Facing| {
+        let mut cloud = PointCloud {
+            normals: normals.to_vec(),
+            ..given.clone()
+        };
+        cloud.repairs.clear();
+        cloud.estimate_normals(&facing, &[], &Silent).unwrap();
+        (cloud.normals, cloud.repairs.len())
+    };
+    for (facing, told) in [(Facing::Inward, &inward), (Facing::Outward, &outward)] {
+        assert_eq!(turned(&outward, facing).0, *told);
+        assert_eq!(turned(&inward, facing).0, *told);
+        assert_eq!(turned(told, facing).1, 0);
+    }
+    for facing in [Facing::Auto, Facing::Viewpoint(DVec3::ZERO)] {
+        assert_eq!(turned(&inward, facing), (inward.clone(), 0));
+    }
+}

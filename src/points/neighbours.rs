@@ -15,6 +15,18 @@ pub(super) struct Neighbour {
     pub normal: DVec3,
 }
 
+/// A search that the next one begins from.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Last {
+    place: Vec3,
+    /// Distance of the farthest of the `count` neighbours that were found, the point itself not counted.
+    farthest: f32,
+    count: usize,
+}
+
+/// Distances are rounded.
+const ROUNDING: f32 = 1.0 + 1e-5;
+
 /// The points in a tree.
 pub(crate) struct Neighbours<'a> {
     positions: &'a [Vec3],
@@ -67,6 +79,41 @@ impl<'a> Neighbours<'a> {
             })
     }
 
+    /// The same as [`nearest`](Neighbours::nearest), faster where the point before was close by.
+    pub(super) fn next_nearest(
+        &self,
+        i: usize,
+        count: usize,
+        last: &mut Last,
+        near: &mut Vec<(u32, DVec3)>,
+    ) {
+        let place = self.positions[i];
+        // As many as around the last point are as near to that, so not farther from here than by the way.
+        let reach = ROUNDING * (last.farthest + place.distance(last.place));
+        let reach = if last.count >= count {
+            reach * reach
+        } else {
+            f32::INFINITY
+        };
+        let found = self
+            .tree
+            .query(&place.to_array())
+            .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(count))
+            .within(reach)
+            .execute();
+        near.clear();
+        near.extend(found.iter().filter_map(|item| {
+            let offset = self.positions[item.item as usize] - place;
+            (offset != Vec3::ZERO).then(|| (item.item, offset.as_dvec3()))
+        }));
+        let farthest = found.iter().last().map_or(0.0, |item| item.distance.sqrt());
+        *last = Last {
+            place,
+            farthest,
+            count: found.len().saturating_sub(1),
+        };
+    }
+
     /// The points nearest to point i, nearest first, closer than the root of `reach`, with the squares of
     /// their distances; `count` at most, itself not among them.
     pub fn within(&self, i: usize, reach: f32, count: usize) -> Vec<(u32, f32)> {
@@ -89,5 +136,31 @@ impl<'a> Neighbours<'a> {
             .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(count - 1))
             .execute();
         found.iter().map(|item| item.item).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A grid, where many are equally far, and a spiral.
+    #[test]
+    fn the_last_search_changes_nothing() {
+        let grid =
+            (0..2000).map(|k| Vec3::new((k % 13) as f32, (k / 13 % 11) as f32, (k / 143) as f32));
+        let spiral = (0..2000).map(|k| {
+            let t = 0.01 * k as f32;
+            Vec3::new(t * t.sin(), t * t.cos(), 0.3 * t)
+        });
+        for places in [grid.collect::<Vec<_>>(), spiral.collect()] {
+            let neighbours = Neighbours::new(&places).unwrap();
+            let (mut last, mut next, mut plain) = (Last::default(), Vec::new(), Vec::new());
+            for i in 0..places.len() {
+                let count = if i % 7 == 0 { 40 } else { 16 };
+                neighbours.next_nearest(i, count, &mut last, &mut next);
+                neighbours.nearest(i, count, &mut plain);
+                assert_eq!(next, plain);
+            }
+        }
     }
 }

@@ -54,7 +54,8 @@ impl PointCloud {
     /// Planes are fitted by least squares to so many neighbours as the noise asks for; next to a crease
     /// a point takes the plane of its own side. Points that have normals keep them and tell their
     /// neighbours which side is lit; otherwise `facing` does, and where that leaves it open, `lamps`
-    /// inside of the cloud.
+    /// inside of the cloud. Where none is missing, all of them are turned if as a whole they point to the
+    /// other side than told.
     ///
     /// Fewer than three points make no plane, and get none.
     ///
@@ -72,8 +73,12 @@ impl PointCloud {
         let missing = (self.positions.iter().zip(&self.normals))
             .filter(|(p, n)| placed(**p) && !known(n))
             .count();
+        if missing == 0 {
+            self.turn_all(facing);
+            return Ok(());
+        }
         let usable = |i: usize| placed(self.positions[i]);
-        if missing == 0 || (0..self.len()).filter(|&i| usable(i)).count() < LEAST_POINTS {
+        if (0..self.len()).filter(|&i| usable(i)).count() < LEAST_POINTS {
             return Ok(());
         }
         let Some(origin) = middle(self, usable) else {
@@ -119,6 +124,28 @@ impl PointCloud {
         ));
         Ok(())
     }
+
+    /// Turns all normals, which are there, if most of them do not point inward or outward as told.
+    fn turn_all(&mut self, facing: &Facing) {
+        let (outward, told) = match facing {
+            Facing::Inward => (false, "inward"),
+            Facing::Outward => (true, "outward"),
+            _ => return,
+        };
+        let Some(middle) = middle(self, |i| self.positions[i].is_finite()) else {
+            return;
+        };
+        let points = self.positions.iter().zip(&self.normals);
+        let flow = |(p, normal): (&DVec3, &Vec3)| (*p - middle).dot(normal.as_dvec3());
+        let flow: f64 = points.map(flow).filter(|flow| flow.is_finite()).sum();
+        if flow != 0.0 && (flow > 0.0) != outward {
+            self.normals
+                .iter_mut()
+                .for_each(|normal| *normal = -*normal);
+            let repair = format!("normals of the file: turned {told}, as was asked for");
+            self.repairs.push(repair);
+        }
+    }
 }
 
 /// How many neighbours the noise asks for.
@@ -163,11 +190,11 @@ fn planes(
         let made = block.len() as u64;
         let (more_local, more_linked): (Vec<_>, Vec<_>) = block
             .into_par_iter()
-            .map_init(Default::default, |(near, places, heights), i| {
+            .map_init(Default::default, |(last, near, places, heights), i| {
                 let near: &mut Vec<(u32, DVec3)> = near;
                 let places: &mut Vec<DVec3> = places;
                 let mut find = |count| {
-                    neighbours.nearest(i, count, near);
+                    neighbours.next_nearest(i, count, last, near);
                     places.clear();
                     places.extend(near.iter().map(|n| n.1));
                     let linked = |k: usize| near.get(k).map_or(NOBODY, |n| n.0);
