@@ -53,7 +53,8 @@ fn expected(
         close.contains(&a.1)
             || passed_by.iter().any(|&b| {
                 let apart = (a.0 - b.0).abs() * along.length();
-                apart <= f64::from(TOGETHER) * radius(surfel) && straight(a).dot(straight(b)) < 0.0
+                apart <= f64::from(TOGETHER) * radius(surfel).min(radius(a.1)).min(radius(b.1))
+                    && straight(a).dot(straight(b)) < 0.0
             })
     };
     let first = passed_by
@@ -174,6 +175,18 @@ fn what_slips_through_a_gap_meets_what_it_passed_by() {
     assert!(gap_of(0.2).front && gap_of(0.2).surfel < 2);
     // A rim of 2 closes gaps up to the size of a cell.
     assert_eq!(gap_of(2.2), hit(2, false));
+    // Squares one far above the other are no two sides of a gap: 3 rims are 6√2.
+    let step = |height: f32| {
+        let places = [
+            at(-1.5, 0.0, 1.0),
+            at(1.5, -height, 1.0),
+            at(0.0, -height - 0.1, -1.0),
+        ];
+        let squares = polygons(&places, 4, 2f32.sqrt());
+        let down = segment(Vec3::new(0.02, 0.0, 1.0), Vec3::new(0.02, 0.0, -30.0));
+        first_hit::<f64>(&Occluders::build(&squares), &down).unwrap()
+    };
+    assert_eq!([step(8.4), step(8.6)], [hit(0, true), hit(2, false)]);
     // From below there is a front, and no gap matters.
     let squares = polygons(&[at(-1.1, 0.0, 1.0), at(1.1, 0.0, 1.0)], 4, 2f32.sqrt());
     let occluders = Occluders::build(&squares);

@@ -66,8 +66,8 @@ pub struct Asked {
     #[arg(long, value_name = "R,G,B", value_parser = values::rgb, allow_hyphen_values = true)]
     pub sky: Option<Vec3>,
     /// To which side the normals point that a scan lacks: auto, inward (a room), outward (an object),
-    /// or viewpoint:X,Y,Z from where all was seen; inward and outward also turn normals as a whole that
-    /// a scan has
+    /// or viewpoint:X,Y,Z from where all was seen; where it lacks none, inward and outward turn all of
+    /// them if need be
     #[arg(long, value_name = "SIDE", value_parser = values::facing, default_value = "auto")]
     pub normals: Facing,
     /// Thin out to this distance between points; those left out take the light of the others

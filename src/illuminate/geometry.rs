@@ -42,13 +42,13 @@ impl Geometry {
         progress: &dyn Progress,
     ) -> Result<(Geometry, Seconds)> {
         let start = Instant::now();
-        let thinning = thinning(options, plan.occlusion, plan.tolerance);
+        let thinning = thinning(options, plan.tolerance);
         let mut prepared = Surfels::prepare_fewer(cloud, &thinning, progress)?;
         let prepare = start.elapsed().as_secs_f64();
         progress.stage("octree", 1);
         let build = |prepared: &Prepared| {
             let (octree, surfels) = Octree::build(&prepared.surfels, plan.leaf_size);
-            let occluders = match plan.occlusion {
+            let occluders = match options.occlusion {
                 Occlusion::Surfels => Some(Occluders::build(&surfels)),
                 Occlusion::None => None,
             };

@@ -73,7 +73,7 @@ impl Task<'_> {
         let mut cast = Cast::new(self, occluders, rays / 2)?;
         let (mut solving, mut verification) = (0.0, 0.0);
         let mut start: Option<Vec<DVec3>> = None;
-        let mut fewer = rays;
+        let (mut fewer, mut stuck_before) = (rays, false);
         let mut best: Option<(Solved, Verified)> = None;
         for round in 0.. {
             let more = cast.up_to(rays)?;
@@ -100,10 +100,11 @@ impl Task<'_> {
                 let ratio = verified.error() / last.error().max(f64::MIN_POSITIVE);
                 -ratio.log2() / f64::from(rays / fewer).log2()
             });
-            // A few points that are far off make an error that is not well known.
+            // A few points that are far off make an error that is not well known: then it takes two rounds.
             let known = verified.bound() < KNOWN * verified.error();
             let stuck = fell.is_some_and(|power| power < -STUCK.log2());
-            let in_vain = !verified.met && known && stuck;
+            let in_vain = !verified.met && stuck && (known || stuck_before);
+            stuck_before = stuck;
             let solved = Solved {
                 direct: direct.irradiance.clone(),
                 irradiance: bounced.irradiance,

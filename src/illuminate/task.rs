@@ -75,7 +75,7 @@ pub(super) struct Solved {
 #[derive(Serialize, Deserialize)]
 pub(super) struct DirectLight {
     pub irradiance: Vec<DVec3>,
-    /// The part of it that is sampled: from sky and emitters.
+    /// The part of it that is not exact: from sky and emitters.
     pub sampled: Vec<DVec3>,
 }
 
@@ -140,7 +140,7 @@ impl Task<'_> {
         })
     }
 
-    /// Point lights, sky and emitters, the latter two sampled as a tolerance needs; the penumbras of
+    /// Point lights, sky and emitters, the latter two as accurate as a tolerance needs; the penumbras of
     /// emitters are smoothed if there is a smoother.
     pub(super) fn direct_light(
         &self,
@@ -161,7 +161,7 @@ impl Task<'_> {
         })
     }
 
-    /// Light from the surfels that shine.
+    /// Light from the surfels that shine: sampled, or by links where nothing is in the way.
     fn emitted(&self, tolerance: f64, smoother: Option<&Smoother>) -> Result<Vec<DVec3>> {
         let (surfels, octree, progress) = (self.surfels, self.octree, self.progress);
         let emission: Vec<DVec3> = surfels.emission.iter().map(|e| e.as_dvec3()).collect();

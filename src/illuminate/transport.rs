@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::links::{Kept, Links, Thresholds};
 use crate::operator::{Fmm, GpuFmm, trial};
 use crate::passes::gpu::{Gpu, GpuPointVisibility, GpuVisibility};
-use crate::plan::{Plan, expanded, lit_from_within};
+use crate::plan::{Plan, expanded};
 use crate::points::{Openness, Quality, Surfels};
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -80,7 +80,7 @@ impl Transport {
         Transport::planned(scene, options, backend, plan, progress)
     }
 
-    /// The same for a single light, for which rays may do; in a convex cavity for lights inside of it.
+    /// The same for a single light, for which rays may do.
     ///
     /// # Errors
     /// Those of [`new`](Transport::new).
@@ -210,8 +210,7 @@ impl Transport {
     /// Computes the illumination map of a scene with this cloud. What its points reflect and emit, its
     /// lights and its tolerance may be others than before.
     ///
-    /// Fails with [`Error::Invalid`] if the points are others, or if lights are outside of the cavity for
-    /// which it was made by [`once`](Transport::once).
+    /// Fails with [`Error::Invalid`] if the points are others.
     pub fn illuminate(&mut self, scene: &Scene, progress: &dyn Progress) -> Result<Illumination> {
         self.stage_by_stage(scene, None, progress)
     }
@@ -241,15 +240,6 @@ impl Transport {
         let start = Instant::now();
         let tolerance = tolerance(scene, &self.options);
         check_scene(scene, tolerance)?;
-        let planned = self.plan.as_ref().map(|plan| plan.occlusion);
-        let shortened = planned.is_some_and(|occlusion| occlusion != self.options.occlusion);
-        if shortened && !lit_from_within(scene) {
-            return Err(Error::Invalid(
-                "this transport is for lights inside of its cavity, where nothing is in their way: \
-                 Transport::new makes one for all lights"
-                    .into(),
-            ));
-        }
         self.geometry.paint(&scene.cloud)?;
         let geometry = &self.geometry;
         let tester = tester(geometry, self.method, self.device.as_ref());

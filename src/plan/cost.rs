@@ -145,11 +145,9 @@ impl Job {
         let hollow = self.sketch.curved * self.sketch.hidden;
         let between = |[flat, all]: [f64; 2]| flat + (all - flat) * hollow;
         let lights = n * self.lights();
-        // Where nothing is in the way, surfels that shine have links as those that reflect.
-        let shining = if self.open {
-            0.0
-        } else {
-            n * self.sketch.shining.powi(2)
+        let shining = match self.open {
+            true => 0.0,
+            false => n * self.sketch.shining.powi(2),
         };
         let clusters = (0.03 / self.tolerance).powf(BY_SHINING[0]) * (n / 1e4).powf(BY_SHINING[1]);
         let segment = between(seconds::SEGMENT);
@@ -163,12 +161,14 @@ impl Job {
                 let caches = (n / 2e4).max(1.0).powf(seconds::BY_CACHES);
                 (rays * between(seconds::RAY) * caches, rays * bytes::RAY)
             }
-            Method::Fmm | Method::Auto if !reflects => (0.0, 0.0),
             Method::Fmm | Method::Auto if self.open => {
                 let order = open::order(self.tolerance) as f64;
-                let fields = 1.0 + self.sketch.shining;
-                (n * (1.0 + order) * fields * seconds::OPEN, n * bytes::OPEN)
+                // What shines has links of its own.
+                let fields = f64::from(reflects) + f64::from(self.sketch.shining > 0.0);
+                let links = n * fields;
+                (links * (1.0 + order) * seconds::OPEN, links * bytes::OPEN)
             }
+            Method::Fmm | Method::Auto if !reflects => (0.0, 0.0),
             Method::Fmm | Method::Auto => {
                 let segments = n * self.segments();
                 (segments * seconds::LINK, segments * bytes::SEGMENT)

@@ -14,7 +14,6 @@ use serde::Serialize;
 
 use self::cost::{Cost, Job};
 pub use self::sketch::Sketch;
-pub(crate) use self::sketch::lit_from_within;
 use crate::error::{Error, Result};
 use crate::illuminate::{Backend, Method, Occlusion, Options, check, tolerance};
 use crate::links;
@@ -33,8 +32,6 @@ pub struct Plan {
     pub surfels: usize,
     /// How the operator is applied, never `Auto`.
     pub method: Method,
-    /// What is taken to stand in the way.
-    pub occlusion: Occlusion,
     /// Relative error that is asked for.
     pub tolerance: f64,
     /// Largest order of the expansions, with the methods that have some.
@@ -127,15 +124,8 @@ impl Plan {
     ) -> Result<Plan> {
         check(scene, options, backend)?;
         let tolerance = tolerance(scene, options);
-        let sketch = Sketch::of(scene, options.occlusion == Occlusion::None, options.seed);
-        // Links serve lights elsewhere too, and other methods are what they are asked for.
-        let linked = matches!(options.method, Method::Auto | Method::Fmm) && !many;
-        let occlusion = match linked && sketch.lies_open {
-            true => Occlusion::None,
-            false => options.occlusion,
-        };
-        let open = occlusion == Occlusion::None;
-        let surfels = surfels(scene, &thinning(options, occlusion, tolerance));
+        let surfels = surfels(scene, &thinning(options, tolerance));
+        let open = options.occlusion == Occlusion::None;
         let job = Job {
             points: scene.cloud.len(),
             surfels,
@@ -144,10 +134,10 @@ impl Plan {
             open,
             lamps: scene.lights.len(),
             threads: rayon::current_num_threads(),
-            sketch,
+            sketch: Sketch::of(scene, open, options.seed),
         };
         let (method, why) = choose(options, backend, &job, free, many);
-        let (order, leaf_size) = expansions(options, method, &job, backend)?;
+        let (order, leaf_size) = expansions(options, method, tolerance, surfels, backend)?;
         let rays = options
             .rays
             .map(u32::next_power_of_two)
@@ -158,7 +148,6 @@ impl Plan {
             points: job.points,
             surfels,
             method,
-            occlusion,
             tolerance,
             order: expanded(method).then_some(order),
             leaf_size,
@@ -246,14 +235,9 @@ impl Plan {
                 ),
             });
         }
-        choices.push(match (options.occlusion, self.occlusion) {
-            (Occlusion::None, _) => choice("visibility", &"none", "asked for"),
-            (_, Occlusion::None) => choice(
-                "visibility",
-                &"none",
-                "no point and no light is behind the plane of a point: nothing is in the way",
-            ),
-            _ => choice(
+        choices.push(match job.open {
+            true => choice("visibility", &"none", "asked for"),
+            false => choice(
                 "visibility",
                 &"surfels",
                 &format!(
@@ -322,9 +306,9 @@ const LEFT: f64 = 0.58;
 
 /// Fewer points to do the work with: where nothing is told, as many as are enough. Without occlusion, a
 /// point more takes next to nothing.
-pub(crate) fn thinning(options: &Options, occlusion: Occlusion, tolerance: f64) -> Thinning {
+pub(crate) fn thinning(options: &Options, tolerance: f64) -> Thinning {
     Thinning {
-        enough_for: (occlusion == Occlusion::Surfels).then_some(tolerance),
+        enough_for: (options.occlusion == Occlusion::Surfels).then_some(tolerance),
         ..options.thinning
     }
 }
@@ -345,9 +329,9 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
     }
 }
 
-/// Links of rough scans take longer than expected, and more rays than expected add to those that are
-/// there: rays count so many times.
-const RAYS_FIRST: f64 = 0.8;
+/// Links may take more rounds than expected, while exact sums take one, and more rays add to those that are
+/// there: links count so many times.
+const LINKS_LAST: f64 = 1.25;
 
 /// The method that is taken, and why. Who asks for an order wants expansions.
 fn choose(
@@ -382,8 +366,8 @@ fn choose(
     // What does not fit comes last.
     let order = |(method, cost): &(Method, Cost)| {
         let too_large = free.is_some_and(|free| cost.bytes() > free);
-        let weight = if *method == Method::Gather {
-            RAYS_FIRST
+        let weight = if *method == Method::Fmm {
+            LINKS_LAST
         } else {
             1.0
         };
@@ -410,15 +394,11 @@ fn choose(
 fn expansions(
     options: &Options,
     method: Method,
-    job: &Job,
+    tolerance: f64,
+    surfels: usize,
     backend: &Backend,
 ) -> Result<(usize, usize)> {
-    let &Job {
-        open,
-        tolerance,
-        surfels,
-        ..
-    } = job;
+    let open = options.occlusion == Occlusion::None;
     let classic = method == Method::Classic;
     let order = options.order.unwrap_or(match open || classic {
         true => links::open::order(tolerance),

@@ -4,7 +4,6 @@ use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 use rand::RngExt;
-use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::lights;
@@ -44,12 +43,7 @@ pub struct Sketch {
     pub shining: f64,
     /// Whether the points get light from a sky.
     pub sky: bool,
-    /// Whether nothing can be in the way of any light: see [`lies_open`].
-    pub lies_open: bool,
 }
-
-/// Part of the spacing that a point may be behind the plane of another one.
-const BEHIND: f64 = 1e-3;
 
 impl Sketch {
     /// Looks at some points of a scene.
@@ -123,37 +117,8 @@ fn look(scene: &Scene, open: bool, seed: u64) -> Result<Sketch> {
             false => 0.0,
         },
         curved: curved(&surfels),
-        lies_open: hidden == 0.0 && lies_open(scene, &surfels),
         ..Sketch::default()
     })
-}
-
-/// Whether the points lie on a convex cavity, or on plates that face each other, with all lights inside:
-/// then no segment meets the plane of a point.
-///
-/// Some points are looked at from all points: of a body in the cavity each plane has others behind it.
-fn lies_open(scene: &Scene, some: &Surfels) -> bool {
-    let places = some.positions.iter().map(|p| some.origin + p.as_dvec3());
-    let places: Vec<DVec3> = places.collect();
-    let whole: f32 = some.areas.iter().sum();
-    let spacing = f64::from(whole / scene.cloud.len() as f32).sqrt();
-    lit_from_within(scene) && none_behind(&scene.cloud, &places, BEHIND * spacing)
-}
-
-/// Whether there is no sky, and no lamp is behind the plane of a point.
-pub(crate) fn lit_from_within(scene: &Scene) -> bool {
-    let lamps: Vec<DVec3> = scene.lights.iter().map(|lamp| lamp.position).collect();
-    scene.sky == Vec3::ZERO && none_behind(&scene.cloud, &lamps, 0.0)
-}
-
-/// Whether no place is farther behind the plane of a point of the cloud; false without all normals.
-fn none_behind(cloud: &PointCloud, places: &[DVec3], distance: f64) -> bool {
-    let before = |(p, normal): (&DVec3, &Vec3)| {
-        let normal = normal.as_dvec3();
-        normal != DVec3::ZERO && places.iter().all(|q| normal.dot(*q - *p) >= -distance)
-    };
-    cloud.normals.len() == cloud.len()
-        && (cloud.positions.par_iter().zip(&cloud.normals)).all(before)
 }
 
 /// Cosines between normals of neighbours on a curved surface: not of one plane, nor across an edge.

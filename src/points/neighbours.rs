@@ -79,7 +79,8 @@ impl<'a> Neighbours<'a> {
             })
     }
 
-    /// The same as [`nearest`](Neighbours::nearest), faster where the point before was close by.
+    /// The same as [`nearest`](Neighbours::nearest), faster where the point before was close by; of points
+    /// that are equally far, others may come first.
     pub(super) fn next_nearest(
         &self,
         i: usize,
@@ -154,12 +155,17 @@ mod tests {
         });
         for places in [grid.collect::<Vec<_>>(), spiral.collect()] {
             let neighbours = Neighbours::new(&places).unwrap();
-            let (mut last, mut next, mut plain) = (Last::default(), Vec::new(), Vec::new());
-            for i in 0..places.len() {
-                let count = if i % 7 == 0 { 40 } else { 16 };
-                neighbours.next_nearest(i, count, &mut last, &mut next);
-                neighbours.nearest(i, count, &mut plain);
-                assert_eq!(next, plain);
+            for count in [6, 16, 64] {
+                let (mut last, mut next, mut plain) = (Last::default(), Vec::new(), Vec::new());
+                for i in 0..places.len() {
+                    neighbours.next_nearest(i, count, &mut last, &mut next);
+                    neighbours.nearest(i, count, &mut plain);
+                    // Which of those come first that are equally far is not said.
+                    let lengths = |near: &[(u32, DVec3)]| -> Vec<f64> {
+                        near.iter().map(|n| n.1.length_squared()).collect()
+                    };
+                    assert_eq!(lengths(&next), lengths(&plain));
+                }
             }
         }
     }

@@ -1,10 +1,12 @@
 //! Normals of points that have none.
 
+use std::ops::Range;
+
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::PointCloud;
-use super::neighbours::Neighbours;
+use super::neighbours::{Last, Neighbours};
 use super::orient::{self, Facing, Told};
 use super::plane::Plane;
 use super::rule::median;
@@ -32,6 +34,10 @@ pub(super) const LINKED: usize = 8;
 pub(super) const NOBODY: u32 = u32::MAX;
 /// Points that make a plane.
 const LEAST_POINTS: usize = 3;
+/// Normals point inward or outward as a whole if this part of the ways from the middle goes along them.
+const SIDED: f64 = 0.01;
+/// Points whose searches begin from each other, always the same ones.
+const RUN: usize = 256;
 /// Points done between two looks at whether the work should stop.
 const BLOCK: usize = 1 << 16;
 
@@ -74,7 +80,7 @@ impl PointCloud {
             .filter(|(p, n)| placed(**p) && !known(n))
             .count();
         if missing == 0 {
-            self.turn_all(facing);
+            self.turn_all(facing, placed);
             return Ok(());
         }
         let usable = |i: usize| placed(self.positions[i]);
@@ -125,20 +131,25 @@ impl PointCloud {
         Ok(())
     }
 
-    /// Turns all normals, which are there, if most of them do not point inward or outward as told.
-    fn turn_all(&mut self, facing: &Facing) {
+    /// Turns all normals, which are there, if as a whole they do not point inward or outward as told.
+    fn turn_all(&mut self, facing: &Facing, placed: impl Fn(DVec3) -> bool) {
         let (outward, told) = match facing {
             Facing::Inward => (false, "inward"),
             Facing::Outward => (true, "outward"),
             _ => return,
         };
-        let Some(middle) = middle(self, |i| self.positions[i].is_finite()) else {
+        let Some(middle) = middle(self, |i| placed(self.positions[i])) else {
             return;
         };
         let points = self.positions.iter().zip(&self.normals);
-        let flow = |(p, normal): (&DVec3, &Vec3)| (*p - middle).dot(normal.as_dvec3());
-        let flow: f64 = points.map(flow).filter(|flow| flow.is_finite()).sum();
-        if flow != 0.0 && (flow > 0.0) != outward {
+        let (flow, most) = points
+            .filter(|(p, _)| placed(**p))
+            .map(|(p, normal)| (*p - middle, normal.as_dvec3().normalize()))
+            .fold((0.0, 0.0), |(flow, most), (way, normal)| {
+                (flow + way.dot(normal), most + way.length())
+            });
+        // Of a plane neither side is the inner one.
+        if flow.abs() > SIDED * most && (flow > 0.0) != outward {
             self.normals
                 .iter_mut()
                 .for_each(|normal| *normal = -*normal);
@@ -188,13 +199,13 @@ fn planes(
         progress.check()?;
         let block = local.len()..(local.len() + BLOCK).min(n);
         let made = block.len() as u64;
-        let (more_local, more_linked): (Vec<_>, Vec<_>) = block
-            .into_par_iter()
-            .map_init(Default::default, |(last, near, places, heights), i| {
-                let near: &mut Vec<(u32, DVec3)> = near;
-                let places: &mut Vec<DVec3> = places;
+        let end = block.end;
+        let runs: Vec<Range<usize>> = block.step_by(RUN).map(|i| i..(i + RUN).min(end)).collect();
+        let of_run = |(near, places, heights): &mut (_, Vec<DVec3>, _), run: Range<usize>| {
+            let mut last = Last::default();
+            let of_point = |i: usize| {
                 let mut find = |count| {
-                    neighbours.next_nearest(i, count, last, near);
+                    neighbours.next_nearest(i, count, &mut last, near);
                     places.clear();
                     places.extend(near.iter().map(|n| n.1));
                     let linked = |k: usize| near.get(k).map_or(NOBODY, |n| n.0);
@@ -215,10 +226,17 @@ fn planes(
                     spacing: spacing as f32,
                 };
                 (local, linked)
-            })
-            .unzip();
-        local.extend(more_local);
-        linked.extend(more_linked);
+            };
+            run.map(of_point).collect::<Vec<_>>()
+        };
+        let found: Vec<_> = runs
+            .into_par_iter()
+            .map_init(Default::default, of_run)
+            .collect();
+        for (more_local, more_linked) in found.into_iter().flatten() {
+            local.push(more_local);
+            linked.push(more_linked);
+        }
         progress.advance(made);
     }
     Ok((local, linked))

@@ -10,12 +10,12 @@ use super::{NO_SURFEL, Occluder, Occluders, Segment};
 
 /// Scale of the cells that a segment may have passed by at a gap.
 pub const RIM: f32 = 2.0;
+/// The same where there are cells on one side alone: a narrow gap, or the edge of a surface.
+pub const EDGE: f32 = 1.4;
 /// How far before a back, in radii of either cell, the gap may lie: as far as bodies are thick. What is
 /// seen from behind farther off has nothing to do with the edges before it.
 pub const BEHIND: f32 = 64.0;
-/// The same where there are cells on one side alone: a narrow gap, or an edge.
-pub const EDGE: f32 = 1.4;
-/// Cells on two sides of one gap are passed by within so many of its widths of each other.
+/// Cells on two sides of one gap are passed by within so many rims of the smaller one of each other.
 pub const TOGETHER: f32 = 3.0;
 
 /// Whether a cell, other than the two that the segment excludes, is met strictly between its ends.
@@ -90,6 +90,8 @@ struct Passed {
     /// Distance from the segment's beginning.
     at: f32,
     surfel: u32,
+    /// Radius of its cell, or of the back's if that is smaller.
+    size: f32,
     /// Whether that was closely.
     closely: bool,
     /// From the segment straight to its surfel.
@@ -128,7 +130,8 @@ fn passed_by<T: Real>(
                 if here >= part || !crossing.is_front() || excludes(segment, cell.surfel) {
                     continue;
                 }
-                let size = T::from_f32(radius.min(cell.radius_squared.sqrt()));
+                let smaller = radius.min(cell.radius_squared.sqrt());
+                let size = T::from_f32(smaller);
                 let [x, y] = crossing.at;
                 if x * x + y * y <= (size * rim) * (size * rim)
                     && (part - here) * length <= size * T::from_f32(BEHIND)
@@ -138,6 +141,7 @@ fn passed_by<T: Real>(
                     fronts.push(Passed {
                         at: (here * length).to_f64() as f32,
                         surfel: cell.surfel,
+                        size: smaller,
                         closely: covers(cell, crossing.at.map(|x| x / edge)),
                         aside: aside.reject_from_normalized(along),
                     });
@@ -147,7 +151,8 @@ fn passed_by<T: Real>(
     );
     fronts.sort_unstable_by(|a, b| a.at.total_cmp(&b.at).then(a.surfel.cmp(&b.surfel)));
     let across = |a: &Passed, b: &Passed| {
-        (a.at - b.at).abs() <= TOGETHER * RIM * radius && a.aside.dot(b.aside) < 0.0
+        let apart = TOGETHER * RIM * a.size.min(b.size);
+        (a.at - b.at).abs() <= apart && a.aside.dot(b.aside) < 0.0
     };
     let closed = |a: &&Passed| a.closely || fronts.iter().any(|b| across(a, b));
     fronts.iter().find(closed).map(|front| front.surfel)
