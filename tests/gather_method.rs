@@ -84,7 +84,7 @@ fn integrating_sphere() {
 /// sums over the points find it within its bounds.
 #[test]
 fn rays_follow_the_tolerance() {
-    let scene = scene("organic", 3000);
+    let scene = scene("organic", 6000);
     let truth = exactly(&scene);
     let mut last = 0;
     for tolerance in [0.2, 0.1, 0.05] {

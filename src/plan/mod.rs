@@ -329,9 +329,11 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
     }
 }
 
-/// Links may take more rounds than expected, while exact sums take one, and more rays add to those that are
-/// there: links count so many times.
-const LINKS_LAST: f64 = 1.25;
+/// Links of rough scans take longer than expected, and more rays than expected add to those that are
+/// there: rays count so many times.
+const RAYS_FIRST: f64 = 0.8;
+/// Links may take more rounds than expected, exact sums take one: these count so many times.
+const EXACT_FIRST: f64 = 0.75;
 
 /// The method that is taken, and why. Who asks for an order wants expansions.
 fn choose(
@@ -366,10 +368,10 @@ fn choose(
     // What does not fit comes last.
     let order = |(method, cost): &(Method, Cost)| {
         let too_large = free.is_some_and(|free| cost.bytes() > free);
-        let weight = if *method == Method::Fmm {
-            LINKS_LAST
-        } else {
-            1.0
+        let weight = match method {
+            Method::Gather => RAYS_FIRST,
+            Method::Direct => EXACT_FIRST,
+            _ => 1.0,
         };
         (too_large, weight * cost.seconds())
     };

@@ -32,6 +32,9 @@ const CLASSIC: &str = "Cells of such normals stand across the surface. `classic`
     cells, and so other things; `gather` finds what a ray meets first, and that may be the back of a cell. \
     Neither is the exact sum over these cells, which `fmm` keeps to.";
 
+const FLIPPED: &str = "Every other ray meets a back, where light ends, and `gather` says that it loses what sums \
+    find between the fronts. Leave the normals out, so that they are estimated.";
+
 /// Normals that make no surface.
 fn hostile(name: String, room: PointCloud) -> Case {
     let case = Case::new(name, room, Truth::Sums).but(Way::Classic, Wrong(0.1));
@@ -44,7 +47,9 @@ pub fn normals() -> Vec<Case> {
             "every other normal flipped",
             turned(|_, n, rng| if rng.random() { n } else { -n }),
             Truth::Sums,
-        ),
+        )
+        .but(Way::Gather, NotMet)
+        .remedy(FLIPPED),
         Case::new(
             "the normals of one half flipped",
             turned(|p, n, _| if p.x > 0.5 { -n } else { n }),
