@@ -14,7 +14,7 @@ use glam::{DMat2, DVec2, DVec3};
 use rayon::prelude::*;
 
 use crate::error::Result;
-use crate::points::{Neighbours, Surfels};
+use crate::points::{Last, Neighbours, Surfels, runs};
 use crate::progress::Progress;
 use crate::visibility::{Segment, Visibility};
 
@@ -66,11 +66,17 @@ impl<'a> Smoother<'a> {
             progress.check()?;
             let batch = first..(first + BATCH).min(n);
             progress.advance(batch.len() as u64);
-            let found: Vec<_> = batch
-                .into_par_iter()
-                .map(|i| smoother.find(i, &tree))
+            let found: Vec<_> = runs(batch)
+                .map_init(Vec::new, |near, run| {
+                    let mut last = Last::default();
+                    let find = |i: usize| {
+                        tree.next_nearest(i, NEIGHBOURS, &mut last, near);
+                        smoother.find(i, near)
+                    };
+                    run.map(find).collect::<Vec<_>>()
+                })
                 .collect();
-            for (neighbours, reach, one_surface) in found {
+            for (neighbours, reach, one_surface) in found.into_iter().flatten() {
                 smoother.neighbours.push(neighbours);
                 smoother.reach.push(reach);
                 alone.push(one_surface);
@@ -91,27 +97,15 @@ impl<'a> Smoother<'a> {
         Ok(smoother)
     }
 
-    /// The neighbours of a surfel on its surface, how far it looked for them, and whether there was
-    /// nothing else.
-    fn find(&self, i: usize, tree: &Neighbours) -> ([u32; NEIGHBOURS], f32, bool) {
+    /// The neighbours of a surfel on its surface among the `nearest`, how far these are, and whether
+    /// there are no others.
+    fn find(&self, i: usize, nearest: &[(u32, DVec3)]) -> ([u32; NEIGHBOURS], f32, bool) {
         let mut list = [i as u32; NEIGHBOURS];
-        let (mut reach, mut count, mut all) = (0_f32, 0, true);
-        let place = self.surfels.positions[i];
-        for j in tree.around(place, NEIGHBOURS + 1) {
-            let j = j as usize;
-            let square = self.surfels.positions[j].distance_squared(place);
-            if square == 0.0 {
-                continue;
-            }
-            reach = reach.max(square);
-            if self.on_one_surface(i, j) {
-                list[count] = j as u32;
-                count += 1;
-            } else {
-                all = false;
-            }
-        }
-        (list, reach.sqrt(), all)
+        let same = |&&(j, _): &&(u32, DVec3)| self.on_one_surface(i, j as usize);
+        let on_it = nearest.iter().filter(same).map(|&(j, _)| j);
+        let count = list.iter_mut().zip(on_it).map(|(place, j)| *place = j).count();
+        let reach = nearest.last().map_or(0.0, |(_, offset)| offset.length() as f32);
+        (list, reach, count == nearest.len())
     }
 
     fn on_one_surface(&self, i: usize, j: usize) -> bool {

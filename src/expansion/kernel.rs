@@ -1,5 +1,8 @@
 //! The discrete operator between two surfels: one definition for truth, CPU and WGSL.
 
+use glam::Vec3;
+use rayon::prelude::*;
+
 use super::polygon_form_factor;
 use crate::math::{Real, Vector};
 use crate::points::{MAX_EDGES, Surfels};
@@ -44,19 +47,12 @@ impl<T: Real> Surface<T> {
             surfels.cells.corners[i]
                 .map(|c| tangent * T::from_f32(c.x) + bitangent * T::from_f32(c.y))
         };
+        let vectors = |vectors: &[Vec3]| vectors.par_iter().map(|&v| T::Vec3::from_f32(v)).collect();
         Surface {
-            positions: surfels
-                .positions
-                .iter()
-                .map(|&p| T::Vec3::from_f32(p))
-                .collect(),
-            normals: surfels
-                .normals
-                .iter()
-                .map(|&n| T::Vec3::from_f32(n))
-                .collect(),
+            positions: vectors(&surfels.positions),
+            normals: vectors(&surfels.normals),
             areas: surfels.areas.iter().map(|&a| T::from_f32(a)).collect(),
-            corners: (0..surfels.len()).map(corners).collect(),
+            corners: (0..surfels.len()).into_par_iter().map(corners).collect(),
         }
     }
 

@@ -21,7 +21,7 @@ use crate::visibility::Visibility;
 
 /// Allowed error of a link with tested visibility, in units of the tolerance and the mean irradiance,
 /// to begin with.
-const ERROR_A_LINK: f64 = 0.3;
+const ERROR_A_LINK: f64 = 0.25;
 /// Links are made at most so many times.
 const ROUNDS: u64 = 5;
 /// Part of the segments of a solution that its verification may test.

@@ -1,6 +1,7 @@
 //! The radiosity equation of a scene, solved with whichever operator there is.
 
 use glam::DVec3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::checks::{Bounce, Checked, check};
@@ -76,13 +77,13 @@ impl Work<'_> {
             check(operator, self.surfels, &last, visibility, seed, progress)
         };
         let checked = self.checked.map(check).transpose()?;
-        sent.iter_mut().for_each(|b| *b *= unit);
+        sent.par_iter_mut().for_each(|b| *b *= unit);
         // Expansions may leave a little less than nothing.
-        let irradiance: Vec<DVec3> = (arrived.iter().zip(self.lights))
+        let irradiance: Vec<DVec3> = (arrived.par_iter().zip(self.lights))
             .map(|(h, light)| (*h * unit + *light).max(DVec3::ZERO))
             .collect();
         Ok(Bounced {
-            reflected: (irradiance.iter().zip(self.reflectance()))
+            reflected: (irradiance.par_iter().zip(self.reflectance()))
                 .map(|(h, r)| *h * r)
                 .collect(),
             irradiance,
@@ -92,8 +93,8 @@ impl Work<'_> {
         })
     }
 
-    fn reflectance(&self) -> impl Iterator<Item = DVec3> {
-        self.surfels.reflectance.iter().map(|r| r.as_dvec3())
+    fn reflectance(&self) -> impl IndexedParallelIterator<Item = DVec3> {
+        self.surfels.reflectance.par_iter().map(|r| r.as_dvec3())
     }
 
     /// The brightest light, rounded to a power of two: in this unit squares stay in the range of f32,
@@ -118,7 +119,7 @@ impl Work<'_> {
         let fields = operator.fields();
         let reflectance = fields.upload(&self.reflectance().collect::<Vec<_>>())?;
         let upload = |light: &[DVec3]| {
-            let light: Vec<DVec3> = light.iter().map(|h| *h / unit).collect();
+            let light: Vec<DVec3> = light.par_iter().map(|h| *h / unit).collect();
             fields.upload(&light)
         };
         let mut source = upload(self.lights)?;

@@ -5,7 +5,7 @@
 //! proportion to their light, give the visible part; more where those of a receiver and of its
 //! neighbours do not agree.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3, Vec3A};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
@@ -21,8 +21,10 @@ use crate::random::{Purpose, stream};
 use crate::smoothing::Smoother;
 use crate::visibility::{Segment, Visibility};
 
-/// Segments a receiver.
-const SEGMENTS: usize = 16;
+/// Segments a receiver, at least and at most: as many as find, with those of its neighbours, a shadow
+/// that takes this part of the tolerance off the light.
+const SEGMENTS: [usize; 2] = [8, 16];
+const SHADOW: f64 = 0.7;
 /// Further ones where the first do not agree, at a tolerance of 0.03, and the most at any.
 const MORE_SEGMENTS: [f64; 2] = [48.0, 1000.0];
 /// Receivers before and after one, in the octree's order, that tell whether a shadow is near: where
@@ -101,9 +103,12 @@ pub fn emitted(
     }
     let emitters = Emitters::new(surfels, &shining, tolerance);
     // From K strata the visible part of a lamp with a straight shadow on it is off by K^(-3/4).
-    let [more, most] = MORE_SEGMENTS;
-    let more = (more * (0.03 / tolerance).powf(4.0 / 3.0)).min(most) as usize;
-    emitted.noise = 0.5 * ((SEGMENTS + more) as f64).powf(-0.75);
+    let [more, limit] = MORE_SEGMENTS;
+    let more = (more * (0.03 / tolerance).powf(4.0 / 3.0)).min(limit) as usize;
+    let [least, most] = SEGMENTS;
+    let together = (2 * NEIGHBOURS + 1) as f64 * SHADOW * tolerance;
+    let segments = (together.recip() as usize).clamp(least, most);
+    emitted.noise = 0.5 * ((segments + more) as f64).powf(-0.75);
     progress.stage("emitters", surfels.len() as u64);
     for first in (0..surfels.len()).step_by(BATCH) {
         progress.check()?;
@@ -116,7 +121,7 @@ pub fn emitted(
                 |workspace, i| emitters.receiver(i, seed, workspace),
             )
             .collect();
-        for (count, everywhere) in [(SEGMENTS, true), (more, false)] {
+        for (count, everywhere) in [(segments, true), (more, false)] {
             let in_doubt = in_doubt(&receivers);
             let drawn: Vec<Vec<Drawn>> = receivers
                 .par_iter_mut()
@@ -127,9 +132,9 @@ pub fn emitted(
                 })
                 .collect();
             let segments: Vec<Segment> = receivers
-                .iter()
+                .par_iter()
                 .zip(&drawn)
-                .flat_map(|(r, drawn)| {
+                .flat_map_iter(|(r, drawn)| {
                     drawn
                         .iter()
                         .map(|d| surfels.segment(r.index, d.emitter as usize))
@@ -181,7 +186,9 @@ struct Emitters {
     facet_shares: Vec<Share>,
     /// Index among all surfels.
     index: Vec<u32>,
-    moments: Expansions<f64>,
+    /// Of the emission in units of the brightest, which f32 can hold whatever it is.
+    moments: Expansions<f32>,
+    unit: f64,
     /// Clusters may be this large, in units of their distance.
     opening: f64,
 }
@@ -241,12 +248,14 @@ impl Emitters {
             .iter()
             .map(|&i| (surfels.points[i as usize], i))
             .collect();
-        let surface = Surface::new(&sorted);
-        let emission: Vec<DVec3> = sorted.emission.iter().map(|e| e.as_dvec3()).collect();
-        let mut moments: Expansions<f64> = p2m(ORDER, &octree, &surface, &emission);
+        let brightest = sorted.emission.iter().map(|e| e.max_element());
+        let unit = brightest.fold(f32::MIN_POSITIVE, f32::max);
+        let relative: Vec<Vec3> = sorted.emission.iter().map(|e| *e / unit).collect();
+        let mut moments = p2m(ORDER, &octree, &Surface::<f32>::new(&sorted), &relative);
         m2m(&octree, &mut moments);
+        let emission: Vec<DVec3> = sorted.emission.iter().map(|e| e.as_dvec3()).collect();
         let power = |e: usize| emission[e].element_sum() * f64::from(sorted.areas[e]);
-        let power_of = |f: u32| moments.of(f as usize)[0].element_sum();
+        let power_of = |f: u32| f64::from(moments.of(f as usize)[0].element_sum());
         let mut emitter_shares = vec![Share::default(); sorted.len()];
         let mut facet_shares = vec![Share::default(); octree.facets.len()];
         for facet in &octree.facets {
@@ -269,13 +278,15 @@ impl Emitters {
             emission,
             all: Surface::new(surfels),
             moments,
-            // The expansion's error, opening^(p + 1), is a small part of the tolerance.
-            opening: (0.1 * tolerance).powf(1.0 / (ORDER + 1) as f64).min(0.3),
+            unit: unit.into(),
+            // The expansion's error, opening^(p + 1) at worst and a tenth of that as a rule, is a small
+            // part of the tolerance.
+            opening: (0.5 * tolerance).powf(1.0 / (ORDER + 1) as f64).min(0.3),
         }
     }
 
     /// The clusters that light surfel `i`.
-    fn receiver(&self, i: usize, seed: u64, workspace: &mut Workspace<f64>) -> Receiver {
+    fn receiver(&self, i: usize, seed: u64, workspace: &mut Workspace<f32>) -> Receiver {
         let mut items = Vec::new();
         let mut stack = vec![0_u32];
         while let Some(f) = stack.pop() {
@@ -299,10 +310,10 @@ impl Emitters {
             let far = distance - radius >= NEAR_SPACINGS * spacing;
             if faces && far && radius <= self.opening * distance {
                 let source = self.moments.of(f as usize);
-                let light = workspace.m2p(source, facet.scale().into(), way, n);
+                let light = workspace.m2p(source, facet.scale(), way.as_vec3(), n.as_vec3());
                 items.push(Item {
                     source: Source::Cluster(f),
-                    irradiance: light.max(DVec3::ZERO),
+                    irradiance: self.unit * light.max(Vec3A::ZERO).as_dvec3(),
                 });
             } else if facet.is_leaf() {
                 items.extend(facet.surfels().filter_map(|e| self.single(i, e)));

@@ -55,16 +55,16 @@ impl<T: Real> Fields for HostFields<T> {
 
     fn upload(&self, values: &[DVec3]) -> Result<Self::Field> {
         let narrow = |v: &DVec3| T::Vec3::new(T::from_f64(v.x), T::from_f64(v.y), T::from_f64(v.z));
-        Ok(values.iter().map(narrow).collect())
+        Ok(values.par_iter().map(narrow).collect())
     }
 
     fn download(&self, field: &Self::Field) -> Result<Vec<DVec3>> {
         let wide = |v: &T::Vec3| DVec3::from_array(v.to_array().map(T::to_f64));
-        Ok(field.iter().map(wide).collect())
+        Ok(field.par_iter().map(wide).collect())
     }
 
     fn copy(&self, field: &Self::Field) -> Result<Self::Field> {
-        Ok(field.clone())
+        Ok(field.par_iter().copied().collect())
     }
 
     fn add(&self, terms: &[(f64, &Self::Field)], y: &mut Self::Field) -> Result<()> {

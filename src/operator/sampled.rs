@@ -102,9 +102,9 @@ impl<'a> Sampler<'a> {
                     self.draw(draw, &mut random(first + k), items)
                 })
                 .collect();
-            let pairs = draws[first..].iter().zip(&drawn);
+            let pairs = draws[first..first + batch].par_iter().zip(&drawn);
             let segments: Vec<Segment> = pairs
-                .flat_map(|(draw, drawn)| {
+                .flat_map_iter(|(draw, drawn)| {
                     let i = draw.receiver;
                     drawn.iter().flatten().map(move |d| {
                         let (low, high) = (i.min(d.source), i.max(d.source));

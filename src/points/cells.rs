@@ -29,6 +29,7 @@ pub struct Cells {
 }
 
 /// One cell with what follows from it.
+#[derive(Clone, Default)]
 pub(super) struct Cell {
     pub tangent: DVec3,
     pub corners: [Vec2; MAX_EDGES],

@@ -22,7 +22,7 @@ mod thin;
 pub use buried::buried;
 pub use cells::{Cells, MAX_EDGES};
 pub use cloud::{DEFAULT_REFLECTANCE, Grid, MAX_COLOUR_REFLECTANCE, PointCloud, Scanner};
-pub(crate) use neighbours::Neighbours;
+pub(crate) use neighbours::{Last, Neighbours, runs};
 pub use orient::Facing;
 pub(crate) use prepare::check;
 pub use prepare::{Prepared, Thinning};

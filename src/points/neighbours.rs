@@ -1,9 +1,11 @@
 //! Who lies around a point.
 
 use std::num::NonZero;
+use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 
@@ -17,7 +19,7 @@ pub(super) struct Neighbour {
 
 /// A search that the next one begins from.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Last {
+pub(crate) struct Last {
     place: Vec3,
     /// Distance of the farthest of the `count` neighbours that were found, the point itself not counted.
     farthest: f32,
@@ -43,20 +45,24 @@ impl<'a> Neighbours<'a> {
 
     /// Distance to the nearest point at another place, among the `count` nearest ones.
     pub fn distance(&self, i: usize, count: usize) -> Option<f32> {
-        let found = self
-            .tree
-            .query(&self.positions[i].to_array())
-            .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(count))
-            .execute();
-        let nearest = found.iter().map(|item| item.distance).find(|&d| d > 0.0);
-        nearest.map(f32::sqrt)
+        let found = self.search(self.positions[i], count + 1, f32::INFINITY);
+        let nearest = found.into_iter().map(|(_, square)| square);
+        nearest.map(f32::sqrt).find(|&d| d > 0.0)
     }
 
     /// Puts the `count` nearest neighbours of point i into `near`, nearest first, with their
     /// normals; less those at the place of the point itself.
-    pub(super) fn find(&self, i: usize, count: usize, normals: &[Vec3], near: &mut Vec<Neighbour>) {
+    pub(super) fn find(
+        &self,
+        i: usize,
+        count: usize,
+        normals: &[Vec3],
+        last: &mut Last,
+        near: &mut Vec<Neighbour>,
+    ) {
         near.clear();
-        near.extend(self.others(i, count).map(|(j, offset)| Neighbour {
+        let found = self.next_search(i, count, last);
+        near.extend(self.others(i, &found).map(|(j, offset)| Neighbour {
             offset,
             normal: normals[j as usize].as_dvec3(),
         }));
@@ -65,29 +71,25 @@ impl<'a> Neighbours<'a> {
     /// Puts the `count` nearest neighbours of point i into `near`, nearest first: their indices, and
     /// their positions relative to the point; less those at the place of the point itself.
     pub fn nearest(&self, i: usize, count: usize, near: &mut Vec<(u32, DVec3)>) {
-        near.clear();
-        near.extend(self.others(i, count));
+        self.next_nearest(i, count, &mut Last::default(), near);
     }
 
-    fn others(&self, i: usize, count: usize) -> impl Iterator<Item = (u32, DVec3)> {
-        let place = self.positions[i];
-        self.around(place, count + 1)
-            .into_iter()
-            .filter_map(move |j| {
-                let offset = self.positions[j as usize] - place;
-                (offset != Vec3::ZERO).then(|| (j, offset.as_dvec3()))
-            })
-    }
-
-    /// The same as [`nearest`](Neighbours::nearest), faster where the point before was close by; of points
-    /// that are equally far, others may come first.
-    pub(super) fn next_nearest(
+    /// The same, faster where the point before was close by; of points that are equally far, others may
+    /// come first.
+    pub fn next_nearest(
         &self,
         i: usize,
         count: usize,
         last: &mut Last,
         near: &mut Vec<(u32, DVec3)>,
     ) {
+        near.clear();
+        let found = self.next_search(i, count, last);
+        near.extend(self.others(i, &found));
+    }
+
+    /// Point i and the `count` nearest ones, searched for from the last.
+    fn next_search(&self, i: usize, count: usize, last: &mut Last) -> Vec<(u32, f32)> {
         let place = self.positions[i];
         // As many as around the last point are as near to that, so not farther from here than by the way.
         let reach = ROUNDING * (last.farthest + place.distance(last.place));
@@ -96,48 +98,60 @@ impl<'a> Neighbours<'a> {
         } else {
             f32::INFINITY
         };
-        let found = self
-            .tree
-            .query(&place.to_array())
-            .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(count))
-            .within(reach)
-            .execute();
-        near.clear();
-        near.extend(found.iter().filter_map(|item| {
-            let offset = self.positions[item.item as usize] - place;
-            (offset != Vec3::ZERO).then(|| (item.item, offset.as_dvec3()))
-        }));
-        let farthest = found.iter().last().map_or(0.0, |item| item.distance.sqrt());
+        let found = self.search(place, count + 1, reach);
         *last = Last {
             place,
-            farthest,
+            farthest: found.last().map_or(0.0, |(_, square)| square.sqrt()),
             count: found.len().saturating_sub(1),
         };
+        found
     }
 
     /// The points nearest to point i, nearest first, closer than the root of `reach`, with the squares of
     /// their distances; `count` at most, itself not among them.
     pub fn within(&self, i: usize, reach: f32, count: usize) -> Vec<(u32, f32)> {
-        let found = self
-            .tree
-            .query(&self.positions[i].to_array())
-            .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(count))
-            .within(reach)
-            .execute();
-        let near = found.iter().map(|item| (item.item, item.distance));
-        let others = near.filter(|&(j, square)| j as usize != i && square < reach);
-        others.take(count).collect()
+        let mut found = self.search(self.positions[i], count + 1, reach);
+        found.retain(|&(j, square)| j as usize != i && square < reach);
+        found.truncate(count);
+        found
     }
 
     /// The points nearest to a place, nearest first.
     pub fn around(&self, place: Vec3, count: usize) -> Vec<u32> {
+        let found = self.search(place, count, f32::INFINITY);
+        found.into_iter().map(|(j, _)| j).collect()
+    }
+
+    /// The `count` points nearest to a place, up to the root of `reach` away, nearest first, with the squares
+    /// of their distances.
+    fn search(&self, place: Vec3, count: usize, reach: f32) -> Vec<(u32, f32)> {
         let found = self
             .tree
             .query(&place.to_array())
             .nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN.saturating_add(count - 1))
+            .within(reach)
             .execute();
-        found.iter().map(|item| item.item).collect()
+        found.iter().map(|n| (n.item, n.distance)).collect()
     }
+
+    /// Those of the points found that lie at other places, relative to point i.
+    fn others(&self, i: usize, found: &[(u32, f32)]) -> impl Iterator<Item = (u32, DVec3)> {
+        let offset = move |j: u32| self.positions[j as usize] - self.positions[i];
+        let all = found.iter().map(move |&(j, _)| (j, offset(j)));
+        all.filter(|(_, offset)| *offset != Vec3::ZERO)
+            .map(|(j, offset)| (j, offset.as_dvec3()))
+    }
+}
+
+/// Points that are searched for one after the other: the same ones on any number of threads, as each
+/// search begins from the last.
+pub(super) const RUN: usize = 256;
+
+/// The points of a range in runs.
+pub(crate) fn runs(points: Range<usize>) -> impl IndexedParallelIterator<Item = Range<usize>> {
+    let Range { start, end } = points;
+    let run = move |k: usize| start + k * RUN..(start + (k + 1) * RUN).min(end);
+    (0..points.len().div_ceil(RUN)).into_par_iter().map(run)
 }
 
 #[cfg(test)]

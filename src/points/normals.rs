@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::PointCloud;
-use super::neighbours::{Last, Neighbours};
+use super::neighbours::{Last, Neighbours, runs};
 use super::orient::{self, Facing, Told};
 use super::plane::Plane;
 use super::rule::median;
@@ -36,8 +36,6 @@ pub(super) const NOBODY: u32 = u32::MAX;
 const LEAST_POINTS: usize = 3;
 /// Normals point inward or outward as a whole if this part of the ways from the middle goes along them.
 const SIDED: f64 = 0.01;
-/// Points whose searches begin from each other, always the same ones.
-const RUN: usize = 256;
 /// Points done between two looks at whether the work should stop.
 const BLOCK: usize = 1 << 16;
 
@@ -199,8 +197,6 @@ fn planes(
         progress.check()?;
         let block = local.len()..(local.len() + BLOCK).min(n);
         let made = block.len() as u64;
-        let end = block.end;
-        let runs: Vec<Range<usize>> = block.step_by(RUN).map(|i| i..(i + RUN).min(end)).collect();
         let of_run = |(near, places, heights): &mut (_, Vec<DVec3>, _), run: Range<usize>| {
             let mut last = Last::default();
             let of_point = |i: usize| {
@@ -229,8 +225,7 @@ fn planes(
             };
             run.map(of_point).collect::<Vec<_>>()
         };
-        let found: Vec<_> = runs
-            .into_par_iter()
+        let found: Vec<_> = runs(block)
             .map_init(Default::default, of_run)
             .collect();
         for (more_local, more_linked) in found.into_iter().flatten() {

@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::cells::{Cell, MAX_EDGES};
-use super::neighbours::Neighbours;
+use super::neighbours::{Last, Neighbour, Neighbours, RUN};
 use super::rule::SurfaceRule;
 use super::select::select;
 use super::smooth::{settled, smoothed};
@@ -13,6 +13,7 @@ use super::thin::{spread, spread_to};
 use super::{Cells, PointCloud, Quality, Surfels};
 use crate::error::{Error, Result};
 use crate::memory;
+use crate::octree::morton_codes;
 use crate::progress::Progress;
 use crate::scene::BRIGHTEST;
 
@@ -334,13 +335,13 @@ impl Prepared {
             (surfels.normals, rule) = (normals, smoother);
         }
         self.rule = rule;
-        let mut cells: Vec<Cell> = Vec::with_capacity(n);
-        while cells.len() < n {
+        let mut cells = vec![Cell::default(); n];
+        for block in along_curve(&positions).chunks(BLOCK) {
             progress.check()?;
-            let block = cells.len()..(cells.len() + BLOCK).min(n);
-            let made = block.len() as u64;
-            cells.par_extend(self.cells_of(&neighbours, block.into_par_iter()));
-            progress.advance(made);
+            for (i, cell) in self.cells_of(&neighbours, block) {
+                cells[i as usize] = cell;
+            }
+            progress.advance(block.len() as u64);
         }
         let mut strays = strays(&positions, &neighbours, &cells, self.rule.roughness)?;
         drop(neighbours);
@@ -367,43 +368,42 @@ impl Prepared {
     fn mend_cells(&mut self, gone: &[Vec3]) -> Result<()> {
         let positions = std::mem::take(&mut self.surfels.positions);
         let holes = Neighbours::new(gone)?;
-        let next_to_hole = |&i: &usize| {
-            let place = positions[i];
+        let next_to_hole = |&i: &u32| {
+            let place = positions[i as usize];
             let nearest = holes.around(place, 1);
             nearest
                 .iter()
-                .any(|&k| gone[k as usize].distance(place) <= self.reach[i])
+                .any(|&k| gone[k as usize].distance(place) <= self.reach[i as usize])
         };
-        let torn: Vec<usize> = (0..positions.len())
+        let torn: Vec<u32> = (0..positions.len() as u32)
             .into_par_iter()
             .filter(next_to_hole)
             .collect();
         let neighbours = Neighbours::new(&positions)?;
-        let cells: Vec<Cell> = self
-            .cells_of(&neighbours, torn.par_iter().copied())
-            .collect();
+        let cells = self.cells_of(&neighbours, &torn);
         drop(neighbours);
         self.surfels.positions = positions;
-        torn.into_iter()
-            .zip(&cells)
-            .for_each(|(i, cell)| self.set(i, cell));
+        for (i, cell) in &cells {
+            self.set(*i as usize, cell);
+        }
         Ok(())
     }
 
-    fn cells_of<'a>(
-        &'a self,
-        neighbours: &'a Neighbours,
-        which: impl IndexedParallelIterator<Item = usize> + 'a,
-    ) -> impl IndexedParallelIterator<Item = Cell> + 'a {
+    /// Cells of some surfels, with whose they are; those that follow one another should lie close together.
+    fn cells_of(&self, neighbours: &Neighbours, which: &[u32]) -> Vec<(u32, Cell)> {
         let normals = &self.surfels.normals;
-        which.map_init(
-            || Vec::with_capacity(NEIGHBOURS),
-            |near, i| {
-                neighbours.find(i, NEIGHBOURS, normals, near);
-                let size = f64::from(self.given_areas[i]).max(0.0).sqrt();
-                Cell::new(normals[i].as_dvec3(), near, &self.rule, size)
-            },
-        )
+        let of_run = |near: &mut Vec<Neighbour>, run: &[u32]| {
+            let mut last = Last::default();
+            let cell = |&i: &u32| {
+                let k = i as usize;
+                neighbours.find(k, NEIGHBOURS, normals, &mut last, near);
+                let size = f64::from(self.given_areas[k]).max(0.0).sqrt();
+                (i, Cell::new(normals[k].as_dvec3(), near, &self.rule, size))
+            };
+            run.iter().map(cell).collect::<Vec<_>>()
+        };
+        let runs = which.par_chunks(RUN).map_init(Vec::new, of_run);
+        runs.flatten_iter().collect()
     }
 
     /// Gives a surfel its cell and what follows from it.
@@ -417,6 +417,15 @@ impl Prepared {
         surfels.cells.corners[i] = cell.corners;
         self.reach[i] = cell.reach as f32;
     }
+}
+
+/// All places along a Morton curve: those that follow one another are close together.
+fn along_curve(positions: &[Vec3]) -> Vec<u32> {
+    let mut keys: Vec<(u64, u32)> = morton_codes(positions)
+        .zip(0..positions.len() as u32)
+        .collect();
+    keys.par_sort_unstable();
+    keys.into_par_iter().map(|(_, i)| i).collect()
 }
 
 /// Refuses a cloud, made by a program, that no reader would hand over: arrays of the wrong length,

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::neighbours::Neighbours;
+use super::neighbours::{Last, Neighbours};
 
 /// Surfels that the rule is measured on.
 const SAMPLE: usize = 20_000;
@@ -71,7 +71,7 @@ fn roughness_noise_and_spacing(normals: &[Vec3], neighbours: &Neighbours) -> [f6
         .step_by(step)
         .filter_map(|i| {
             let mut near = Vec::new();
-            neighbours.find(i, NEIGHBOURS, normals, &mut near);
+            neighbours.find(i, NEIGHBOURS, normals, &mut Last::default(), &mut near);
             let normal = normals[i].as_dvec3();
             let similar = near.iter().filter(|n| n.normal.dot(normal) > 0.7).take(6);
             let zero = (0.0, 0.0, 0.0, 0.0);

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::neighbours::{Neighbour, Neighbours};
+use super::neighbours::{Last, Neighbour, Neighbours};
 use super::rule::SurfaceRule;
 
 /// Neighbours that a normal is averaged with: enough to halve its noise, near enough to leave the
@@ -34,7 +34,7 @@ pub(super) fn smoothed(
         .map_init(
             || Vec::with_capacity(COUNT + 1),
             |near, i| {
-                neighbours.find(i, COUNT, normals, near);
+                neighbours.find(i, COUNT, normals, &mut Last::default(), near);
                 let own = normals[i].as_dvec3();
                 let sum = near.iter().fold(own, |sum, n| {
                     sum + n.normal * (-scale * own.distance_squared(n.normal)).exp()
@@ -71,7 +71,7 @@ pub(super) fn settled(
         return None;
     }
     let move_point = |near: &mut Vec<Neighbour>, i: usize| {
-        neighbours.find(i, SURFACE, normals, near);
+        neighbours.find(i, SURFACE, normals, &mut Last::default(), near);
         let normal = normals[i].as_dvec3();
         let (sum, count) = near
             .iter()

@@ -57,6 +57,8 @@ mod written_out;
 pub use indices::{Indices, count, position};
 pub use workspace::Workspace;
 
+use rayon::prelude::*;
+
 use crate::math::Real;
 
 /// Number of coefficients of an expansion of this order.
@@ -74,9 +76,11 @@ pub struct Expansions<T: Real> {
 impl<T: Real> Expansions<T> {
     /// Zeros for so many facets.
     pub fn zeros(order: usize, facets: usize) -> Self {
+        // Large enough that clearing the memory is work for all threads.
+        let zeros = rayon::iter::repeat_n(T::Rgb::default(), facets * coefficients(order));
         Expansions {
             indices: Indices::new(order),
-            coefficients: vec![T::Rgb::default(); facets * coefficients(order)],
+            coefficients: zeros.collect(),
         }
     }
 

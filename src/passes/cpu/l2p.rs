@@ -8,7 +8,8 @@ use crate::octree::Octree;
 /// L2P: irradiance of each surfel from the local expansion of its leaf.
 pub fn l2p<T: Real>(octree: &Octree, surface: &Surface<T>, locals: &Expansions<T>) -> Vec<T::Vec3> {
     let indices = locals.indices();
-    let mut irradiance = vec![T::Vec3::default(); surface.len()];
+    let zeros = rayon::iter::repeat_n(T::Vec3::default(), surface.len());
+    let mut irradiance: Vec<T::Vec3> = zeros.collect();
     leaves(octree, &mut irradiance)
         .into_par_iter()
         .for_each_init(

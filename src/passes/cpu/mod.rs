@@ -22,6 +22,8 @@ pub use p2l::p2l;
 pub use p2m::p2m;
 pub use p2p::{all_pairs, p2p};
 
+use rayon::prelude::*;
+
 use crate::math::{Real, Vector};
 use crate::octree::{Facet, Octree};
 
@@ -47,7 +49,7 @@ fn leaves<'a, V>(octree: &Octree, field: &'a mut [V]) -> Vec<(usize, &'a mut [V]
     let mut leaves: Vec<usize> = (0..octree.facets.len())
         .filter(|&f| octree.facets[f].is_leaf())
         .collect();
-    leaves.sort_unstable_by_key(|&f| octree.facets[f].begin);
+    leaves.par_sort_unstable_by_key(|&f| octree.facets[f].begin);
     let mut rest = field;
     leaves
         .into_iter()
