@@ -120,11 +120,7 @@ impl<'a> Builder<'a> {
             }
             levels.push(facets.len() as u32);
         }
-        Octree {
-            facets,
-            levels,
-            cones,
-        }
+        Octree::unmeasured(facets, levels, cones)
     }
 
     /// Splits a facet by normal if its cone is too wide, else by place if it has too many surfels.

@@ -12,6 +12,8 @@ pub(crate) use cell::{codes as morton_codes, morton};
 pub use facet::Facet;
 pub(crate) use stored::StoredFacet;
 
+use rayon::prelude::*;
+
 use crate::points::Surfels;
 
 /// A Morton-ordered adaptive octree whose cells hold surfels of similar normal.
@@ -29,6 +31,8 @@ pub struct Octree {
     /// Facets below which all splits are by place: their normals keep to a cone, and every surfel
     /// is in one of them. In increasing order.
     pub cones: Vec<u32>,
+    /// Facets without children, in the order of their surfels.
+    pub leaves: Vec<u32>,
 }
 
 /// Largest half-angle, in radians, of the cone of a facet's normals below the orientation splits.
@@ -45,6 +49,19 @@ impl Octree {
     /// the surfels in its order, in which each facet's surfels lie side by side.
     pub fn build(surfels: &Surfels, leaf_size: usize) -> (Octree, Surfels) {
         build::build(surfels, leaf_size)
+    }
+
+    /// The octree of facets that are not measured yet.
+    fn unmeasured(facets: Vec<Facet>, levels: Vec<u32>, cones: Vec<u32>) -> Octree {
+        let all = 0..facets.len() as u32;
+        let mut leaves: Vec<u32> = all.filter(|&f| facets[f as usize].is_leaf()).collect();
+        leaves.par_sort_unstable_by_key(|&f| facets[f as usize].begin);
+        Octree {
+            facets,
+            levels,
+            cones,
+            leaves,
+        }
     }
 
     /// Facets of one level.

@@ -95,11 +95,8 @@ impl Octree {
         let ordered = cones.is_sorted_by(|a, b| a < b);
         let there = cones.last().is_none_or(|c| (*c as usize) < stored.len());
         ensure(ordered && there, "cones that are not there")?;
-        let mut octree = Octree {
-            facets,
-            levels: levels.iter().map(|l| *l as u32).collect(),
-            cones,
-        };
+        let levels = levels.iter().map(|l| *l as u32).collect();
+        let mut octree = Octree::unmeasured(facets, levels, cones);
         measure(&mut octree, surfels);
         Ok(octree)
     }

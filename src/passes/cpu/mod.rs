@@ -22,8 +22,6 @@ pub use p2l::p2l;
 pub use p2m::p2m;
 pub use p2p::{all_pairs, p2p};
 
-use rayon::prelude::*;
-
 use crate::math::{Real, Vector};
 use crate::octree::{Facet, Octree};
 
@@ -46,13 +44,9 @@ fn within<T: Real>(child: &Facet, parent: &Facet) -> (T, T::Vec3) {
 
 /// The leaves, each with its part of a field.
 fn leaves<'a, V>(octree: &Octree, field: &'a mut [V]) -> Vec<(usize, &'a mut [V])> {
-    let mut leaves: Vec<usize> = (0..octree.facets.len())
-        .filter(|&f| octree.facets[f].is_leaf())
-        .collect();
-    leaves.par_sort_unstable_by_key(|&f| octree.facets[f].begin);
     let mut rest = field;
+    let leaves = octree.leaves.iter().map(|&f| f as usize);
     leaves
-        .into_iter()
         .map(|f| {
             let (own, others) = std::mem::take(&mut rest).split_at_mut(octree.facets[f].len());
             rest = others;
