@@ -42,7 +42,7 @@ pub struct Verifier<'a> {
 }
 
 /// Surfels that are looked at, at most and at least.
-const RECEIVERS: [usize; 2] = [10_000, 200];
+const RECEIVERS: [usize; 2] = [30_000, 200];
 /// Fewest of them for which exact sums are taken.
 const EXACT: usize = 1000;
 /// Draws of an estimate, on average, at a tolerance of 0.03: its noise should be as large as the error.
@@ -52,7 +52,9 @@ const PILOT: u32 = 6;
 /// Fewest and most draws of an estimate.
 const COUNTS: [f64; 2] = [4.0, 8192.0];
 /// Part of the draws that goes to the surfels with the largest errors.
-const AGAIN: f64 = 0.25;
+const AGAIN: f64 = 0.15;
+/// Part of the draws that goes to where noise is large for the light there, the rest to where it is large.
+const RELATIVE: f64 = 0.25;
 
 /// What is estimated one by one.
 #[derive(Clone, Copy, PartialEq)]
@@ -279,7 +281,7 @@ impl Verifier<'_> {
     }
 
     /// Which part of all draws goes to which light at which receiver: in proportion to the noise that
-    /// the pilots show, half of them to its size and half to that relative to the light there.
+    /// the pilots show, some of them to its size and some to that relative to the light there.
     fn shares(
         &self,
         claim: &Claim,
@@ -294,7 +296,7 @@ impl Verifier<'_> {
             _ => claim.level(Part::Total),
         };
         let mut shares = vec![vec![0.0; surfels.len()]; lights.len()];
-        for relative in [false, true] {
+        for (relative, part) in [(false, 1.0 - RELATIVE), (true, RELATIVE)] {
             let mut noises = shares.clone();
             for (l, &light) in lights.iter().enumerate() {
                 let (rms, mean) = level(light);
@@ -310,7 +312,7 @@ impl Verifier<'_> {
             }
             let total: f64 = noises.iter().flatten().sum();
             for (share, noise) in shares.iter_mut().flatten().zip(noises.iter().flatten()) {
-                *share += 0.5 * noise / total.max(f64::MIN_POSITIVE);
+                *share += part * noise / total.max(f64::MIN_POSITIVE);
             }
         }
         shares

@@ -139,7 +139,7 @@ impl<'a> Sampler<'a> {
                 let mut places: Vec<f64> = (0..draw.count)
                     .map(|k| (f64::from(k) + random.random::<f64>()) * total / parts)
                     .collect();
-                self.share(i, items, &mut places, parts / total, &mut drawn);
+                self.share(i, 0, &mut places, parts / total, items, &mut drawn);
             }
             drawn
         })
@@ -170,19 +170,22 @@ impl<'a> Sampler<'a> {
         }
     }
 
-    /// Hands each facet the places that lie in its weight, in increasing order; `rate` is the number of
-    /// draws that are expected a unit of weight.
+    /// Hands each of the facets in `items`, from the `first` one on, the places that lie in its weight, in
+    /// increasing order; `rate` is the number of draws that are expected a unit of weight.
     fn share(
         &self,
         i: usize,
-        facets: &[(u32, f64)],
+        first: usize,
         mut places: &mut [f64],
         rate: f64,
+        items: &mut Vec<(u32, f64)>,
         drawn: &mut Vec<Drawn>,
     ) {
+        let end = items.len();
         let mut before = 0.0;
-        for (k, &(f, weight)) in facets.iter().enumerate() {
-            let inside = match k + 1 == facets.len() {
+        for k in first..end {
+            let (f, weight) = items[k];
+            let inside = match k + 1 == end {
                 true => places.len(), // whatever rounding says
                 false => places.partition_point(|&p| p < before + weight),
             };
@@ -191,7 +194,7 @@ impl<'a> Sampler<'a> {
                 *place = ((*place - before) / weight).clamp(0.0, 1.0);
             }
             if !own.is_empty() {
-                self.descend(i, f, own, rate * weight, drawn);
+                self.descend(i, f, own, rate * weight, items, drawn);
             }
             places = others;
             before += weight;
@@ -201,22 +204,30 @@ impl<'a> Sampler<'a> {
         }
     }
 
-    /// Draws from a facet at places from 0 to 1; `expected` is the number of draws expected in it.
-    fn descend(&self, i: usize, f: u32, places: &mut [f64], expected: f64, drawn: &mut Vec<Drawn>) {
+    /// Draws from a facet at places from 0 to 1; `expected` is the number of draws expected in it. There is
+    /// room for its children behind the `items`.
+    fn descend(
+        &self,
+        i: usize,
+        f: u32,
+        places: &mut [f64],
+        expected: f64,
+        items: &mut Vec<(u32, f64)>,
+        drawn: &mut Vec<Drawn>,
+    ) {
         let facet = &self.octree.facets[f as usize];
         if facet.is_leaf() {
             return self.draw_in_leaf(i, f, places, expected, drawn);
         }
-        let children: Vec<(u32, f64)> = facet
-            .children()
-            .map(|c| (c, self.weight(i, c)))
-            .filter(|&(_, weight)| weight > 0.0)
-            .collect();
-        let total: f64 = children.iter().map(|&(_, weight)| weight).sum();
+        let first = items.len();
+        let children = facet.children().map(|c| (c, self.weight(i, c)));
+        items.extend(children.filter(|&(_, weight)| weight > 0.0));
+        let total: f64 = items[first..].iter().map(|&(_, weight)| weight).sum();
         for place in places.iter_mut() {
             *place *= total;
         }
-        self.share(i, &children, places, expected / total, drawn);
+        self.share(i, first, places, expected / total, items, drawn);
+        items.truncate(first);
     }
 
     /// In a leaf sources are drawn in proportion to what they do bring if nothing is in the way.
