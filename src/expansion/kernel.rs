@@ -47,7 +47,8 @@ impl<T: Real> Surface<T> {
             surfels.cells.corners[i]
                 .map(|c| tangent * T::from_f32(c.x) + bitangent * T::from_f32(c.y))
         };
-        let vectors = |vectors: &[Vec3]| vectors.par_iter().map(|&v| T::Vec3::from_f32(v)).collect();
+        let vectors =
+            |vectors: &[Vec3]| vectors.par_iter().map(|&v| T::Vec3::from_f32(v)).collect();
         Surface {
             positions: vectors(&surfels.positions),
             normals: vectors(&surfels.normals),

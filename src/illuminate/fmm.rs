@@ -1,6 +1,7 @@
 //! The way by links: made, verified, and refined until the tolerance is met.
 
 use std::borrow::Cow;
+use std::f64::consts::FRAC_1_SQRT_2;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
@@ -208,7 +209,8 @@ impl Task<'_> {
         model: Option<f64>,
         round: u64,
     ) -> Result<(Verified, Option<f64>)> {
-        let mut verified = self.verify(direct, found, budget, round)?;
+        let look = |again: u64| self.verify(direct, found, (1 + again) * budget, 2 * round + again);
+        let mut verified = look(0)?;
         let model = match round {
             0 => {
                 let bounced = found.map(|(_, bounced)| bounced);
@@ -216,8 +218,19 @@ impl Task<'_> {
             }
             _ => model,
         };
-        if let (Some(model), false) = (model, self.below_model) {
-            verified.judge_by(self.tolerance.max(OF_MODEL * model));
+        let tolerance = match model {
+            Some(model) if !self.below_model => self.tolerance.max(OF_MODEL * model),
+            _ => self.tolerance,
+        };
+        verified.judge_by(tolerance);
+        // Where the error is small enough, but not known well enough, to look twice as closely is cheaper
+        // than to make it smaller.
+        let known = (verified.bound() - verified.error()) * FRAC_1_SQRT_2;
+        if !verified.met && verified.error() + known <= tolerance {
+            let first = std::mem::replace(&mut verified, look(1)?);
+            verified.seconds += first.seconds;
+            verified.segments += first.segments;
+            verified.judge_by(tolerance);
         }
         Ok((verified, model))
     }

@@ -1,6 +1,7 @@
 //! The main job: scene in, illumination map and what it took out.
 
 mod amplified;
+mod bright;
 mod checkpoint;
 pub mod checks;
 mod even;

@@ -7,6 +7,7 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
+use super::bright::{Bright, Spots};
 use super::even::even;
 use super::fmm::budget;
 use super::task::{Solve, Solved, Task, counts};
@@ -34,6 +35,8 @@ const AIM: f64 = 0.9;
 /// cost anything, up to more.
 const CLOSE: [f32; 2] = [3.0, 6.0];
 const MANY_RAYS: u32 = 256;
+/// Rays from each surfel that cost as much as to sample bright spots apart.
+const SPARED: f64 = 64.0;
 /// Twice as many rays that leave more than this part of the error are in vain: what is left is no noise,
 /// but that rays meet cells where sums take points.
 const STUCK: f64 = 0.9;
@@ -73,18 +76,31 @@ impl Task<'_> {
         let mut cast = Cast::new(self, occluders, rays / 2)?;
         let (mut solving, mut verification) = (0.0, 0.0);
         let mut start: Option<Vec<DVec3>> = None;
+        let mut spots = Spots::of(self.surfels, &direct.irradiance);
+        // Whether what these send is sampled apart.
+        let mut apart = wanted.is_some_and(|rays| self.spares(rays, &spots));
+        let mut bright: Option<Bright> = None;
         let (mut fewer, mut stuck_before) = (rays, false);
         let mut best: Option<(Solved, Verified)> = None;
         for round in 0.. {
             let more = cast.up_to(rays)?;
             let both = links::mean(&cast.rows, &more, self.progress)?;
             let links = self.links_of(cast.close.and(&both, self.progress)?);
+            if apart && bright.is_none() {
+                bright = Some(self.bright(&direct, &spots, lights, &smoother)?);
+            }
+            let lamps = bright.as_ref().map_or(&direct.irradiance, |b| &b.lights);
             let clock = Instant::now();
-            let work = self.work(&direct.irradiance, start.as_deref(), self.stop());
+            let work = self.work(lamps, start.as_deref(), self.stop());
             let bounced = solve(&links, &work)?;
-            let noise = noise([&cast.rows, &more], &bounced, &direct.irradiance);
-            let bounced = even(bounced, self.surfels, &smoother, &direct.irradiance, noise);
+            let noise = noise([&cast.rows, &more], &bounced, lamps);
+            let bounced = even(bounced, self.surfels, &smoother, lamps, noise);
             solving += clock.elapsed().as_secs_f64();
+            start = Some(bounced.reflected.clone());
+            let bounced = match &bright {
+                Some(bright) => bright.whole(bounced, self.surfels),
+                None => bounced,
+            };
             let model = best.as_ref().and_then(|(last, _)| last.model_error);
             let tested = budget(u64::from(rays) * self.surfels.len() as u64);
             let claimed = Some((&links, &bounced));
@@ -93,7 +109,6 @@ impl Task<'_> {
             self.progress.note(&format!(
                 "{rays} rays from each point, lights within {lights:.1e}: {verified}"
             ));
-            start = Some(bounced.reflected);
             let last = best.take().map(|(_, last)| last);
             // The power of the number of rays by which the error fell.
             let fell = last.map(|last| {
@@ -126,12 +141,21 @@ impl Task<'_> {
             if verified.direct.value > 0.5 * verified.total.rel_l2.value {
                 lights *= (1.0 / wrong).clamp(0.3, 0.8);
                 direct = self.direct_light(lights, Some(&smoother), &mut Vec::new())?;
+                (spots, bright) = (Spots::of(self.surfels, &direct.irradiance), None);
             }
             let [least, most] = POWER;
             let power = fell.map_or(most, |power| power.clamp(least, most));
-            let more = wrong.powf(1.0 / power).max(2.0);
-            let next = (f64::from(rays) * more.min(MOST_MORE)) as u32;
-            let next = next.next_power_of_two().min(*RAYS.end());
+            let next = |wrong: f64| {
+                let more = wrong.powf(1.0 / power).clamp(2.0, MOST_MORE);
+                let next = (f64::from(rays) * more) as u32;
+                next.next_power_of_two().min(*RAYS.end())
+            };
+            apart |= self.spares(next(wrong), &spots);
+            let next = next(if apart && bright.is_none() {
+                wrong * spots.left
+            } else {
+                wrong
+            });
             if let Err(why) = check_memory(next) {
                 self.progress.note(&format!("no more rays: {why}"));
                 break;
@@ -150,6 +174,12 @@ impl Task<'_> {
             verification,
             ..solved
         })
+    }
+
+    /// Whether it spares enough of so many rays if spots are sampled apart.
+    fn spares(&self, rays: u32, spots: &Spots) -> bool {
+        let spared = f64::from(rays) * (1.0 - spots.left.powf(1.0 / POWER[1]));
+        self.max_bounces.is_none() && spared >= SPARED
     }
 
     fn links_of(&self, near: Rows) -> Links {

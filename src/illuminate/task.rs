@@ -178,8 +178,13 @@ impl Task<'_> {
             let rough = apply(None)?;
             return apply(Some(&rough));
         }
-        let mut emitted =
-            lights::emitted(surfels, tolerance, self.seed, self.visibility, progress)?;
+        let mut emitted = lights::emitted(
+            surfels,
+            [tolerance, lights::EXPANSIONS * tolerance],
+            self.seed,
+            self.visibility,
+            progress,
+        )?;
         if let Some(smoother) = smoother {
             emitted.smooth(smoother);
         }

@@ -32,6 +32,9 @@ const MORE_SEGMENTS: [f64; 2] = [48.0, 1000.0];
 const NEIGHBOURS: usize = 4;
 /// Order of the clusters' expansions.
 const ORDER: usize = 3;
+/// Error that they may make at worst, in units of the tolerance, and the largest clusters.
+pub const EXPANSIONS: f64 = 0.5;
+const LARGEST_OPENING: f64 = 0.6;
 
 /// Irradiance from the surfels' emission, with the visible part as it was sampled.
 pub fn emitters(
@@ -41,7 +44,14 @@ pub fn emitters(
     visibility: &dyn Visibility,
     progress: &dyn Progress,
 ) -> Result<Vec<DVec3>> {
-    Ok(emitted(surfels, tolerance, seed, visibility, progress)?.irradiance())
+    Ok(emitted(
+        surfels,
+        [tolerance, EXPANSIONS * tolerance],
+        seed,
+        visibility,
+        progress,
+    )?
+    .irradiance())
 }
 
 /// Light from the surfels' emission.
@@ -82,10 +92,11 @@ impl Emitted {
     }
 }
 
-/// Finds the light from the surfels' emission.
+/// Finds the light from the surfels' emission. The two tolerances are that of what is hidden, and how
+/// far expansions may be off at worst; as a rule it is a tenth of that.
 pub fn emitted(
     surfels: &Surfels,
-    tolerance: f64,
+    [tolerance, expansions]: [f64; 2],
     seed: u64,
     visibility: &dyn Visibility,
     progress: &dyn Progress,
@@ -101,7 +112,7 @@ pub fn emitted(
     if shining.is_empty() {
         return Ok(emitted);
     }
-    let emitters = Emitters::new(surfels, &shining, tolerance);
+    let emitters = Emitters::new(surfels, &shining, expansions);
     // From K strata the visible part of a lamp with a straight shadow on it is off by K^(-3/4).
     let [more, limit] = MORE_SEGMENTS;
     let more = (more * (0.03 / tolerance).powf(4.0 / 3.0)).min(limit) as usize;
@@ -189,7 +200,9 @@ struct Emitters {
     /// Of the emission in units of the brightest, which f32 can hold whatever it is.
     moments: Expansions<f32>,
     unit: f64,
-    /// Clusters may be this large, in units of their distance.
+    /// Relative error that expansions may make: (radius / distance)^(order + 1).
+    error: f64,
+    /// So clusters may be this large, in units of their distance.
     opening: f64,
 }
 
@@ -240,7 +253,7 @@ impl Receiver {
 }
 
 impl Emitters {
-    fn new(surfels: &Surfels, shining: &[u32], tolerance: f64) -> Self {
+    fn new(surfels: &Surfels, shining: &[u32], error: f64) -> Self {
         let subset = surfels.reordered(shining);
         let (octree, sorted) = Octree::build(&subset, LEAF_SIZE);
         // `points` follows every reordering, so it finds the way back.
@@ -279,9 +292,8 @@ impl Emitters {
             all: Surface::new(surfels),
             moments,
             unit: unit.into(),
-            // The expansion's error, opening^(p + 1) at worst and a tenth of that as a rule, is a small
-            // part of the tolerance.
-            opening: (0.5 * tolerance).powf(1.0 / (ORDER + 1) as f64).min(0.3),
+            error,
+            opening: error.powf(1.0 / (ORDER + 1) as f64).min(LARGEST_OPENING),
         }
     }
 
@@ -310,7 +322,11 @@ impl Emitters {
             let far = distance - radius >= NEAR_SPACINGS * spacing;
             if faces && far && radius <= self.opening * distance {
                 let source = self.moments.of(f as usize);
-                let light = workspace.m2p(source, facet.scale(), way.as_vec3(), n.as_vec3());
+                let size = radius / distance;
+                let fits = |&p: &usize| size.powi(p as i32 + 1) <= self.error;
+                let order = (0..ORDER).find(fits).unwrap_or(ORDER);
+                let way = way.as_vec3();
+                let light = workspace.m2p(order, source, facet.scale(), way, n.as_vec3());
                 items.push(Item {
                     source: Source::Cluster(f),
                     irradiance: self.unit * light.max(Vec3A::ZERO).as_dvec3(),

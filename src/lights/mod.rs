@@ -5,7 +5,7 @@ mod emitters;
 mod points;
 mod sky;
 
-pub use emitters::{Emitted, emitted, emitters};
+pub use emitters::{EXPANSIONS, Emitted, emitted, emitters};
 pub use points::{Illuminated, point_lights};
 pub use sky::sky;
 pub(crate) use sky::visible_sky;

@@ -225,9 +225,7 @@ fn planes(
             };
             run.map(of_point).collect::<Vec<_>>()
         };
-        let found: Vec<_> = runs(block)
-            .map_init(Default::default, of_run)
-            .collect();
+        let found: Vec<_> = runs(block).map_init(Default::default, of_run).collect();
         for (more_local, more_linked) in found.into_iter().flatten() {
             local.push(more_local);
             linked.push(more_linked);

@@ -63,16 +63,16 @@ impl<T: Real> Workspace<'_, T> {
         }
     }
 
-    /// M2P: irradiance of a surfel with unit `normal` from the moments `source`. `way` leads from
-    /// the source's centre to the surfel.
+    /// M2P: irradiance of a surfel with unit `normal` from the moments `source`, of an order that may be
+    /// lower than theirs. `way` leads from the source's centre to the surfel.
     pub fn m2p(
         &mut self,
+        order: usize,
         source: &[T::Rgb],
         source_scale: T,
         way: T::Vec3,
         normal: T::Vec3,
     ) -> T::Rgb {
-        let order = self.indices.order();
         let far = Far::new(way);
         self.derive(order, far.direction);
         let n = normal.to_array().map(T::Rgb::splat);

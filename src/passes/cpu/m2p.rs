@@ -19,7 +19,7 @@ pub fn m2p<T: Real>(
     if links.is_empty() {
         return;
     }
-    let indices = moments.indices();
+    let (indices, order) = (moments.indices(), moments.order());
     leaves(octree, irradiance).into_par_iter().for_each_init(
         || Workspace::<T>::new(indices),
         |workspace, (leaf, irradiance)| {
@@ -31,7 +31,8 @@ pub fn m2p<T: Real>(
                         let way = surface.positions[i] - centre::<T>(source);
                         let normal = surface.normals[i];
                         if normal.dot(way) < T::ZERO {
-                            let light = workspace.m2p(moments.of(s), scale(source), way, normal);
+                            let light =
+                                workspace.m2p(order, moments.of(s), scale(source), way, normal);
                             *h += (light * T::from_f32(fraction)).into();
                         }
                     }
