@@ -26,12 +26,14 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+pub(crate) use self::bright::Spots;
 pub use self::checkpoint::Checkpoint;
 use self::geometry::Geometry;
 pub use self::options::{Backend, DEFAULT_TOLERANCE, Method, Occlusion, Options};
 pub(crate) use self::options::{check, tolerance};
 pub use self::quantiles::Interval;
 pub use self::rays::RAYS;
+pub(crate) use self::rays::SPARED;
 use self::stats::Stats;
 pub use self::transport::Transport;
 use crate::error::Result;

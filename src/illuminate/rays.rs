@@ -36,7 +36,7 @@ const AIM: f64 = 0.9;
 const CLOSE: [f32; 2] = [3.0, 6.0];
 const MANY_RAYS: u32 = 256;
 /// Rays from each surfel that cost as much as to sample bright spots apart.
-const SPARED: f64 = 64.0;
+pub(crate) const SPARED: f64 = 64.0;
 /// Twice as many rays that leave more than this part of the error are in vain: what is left is no noise,
 /// but that rays meet cells where sums take points.
 const STUCK: f64 = 0.9;

@@ -3,7 +3,7 @@
 //! All constants are measured; `cargo bench --bench choices` holds them against what comes out.
 
 use super::{Sketch, Stage};
-use crate::illuminate::{Method, RAYS};
+use crate::illuminate::{Method, RAYS, SPARED};
 use crate::links::open;
 
 /// What the cost follows from.
@@ -102,6 +102,8 @@ const BY_RAYS: f64 = 0.75;
 /// What rays without number are off by, in units of 1 / root of the number of points, where all is
 /// curved and hidden: 4% in the cave of 8,800 points, 2.4% in that of 17,500.
 const LIMIT: f64 = 6.5;
+/// When bright spots are sampled apart, no less than this part of it is left.
+const LEAST_LEFT: f64 = 0.75;
 /// Part of the tolerance that this may be.
 const LARGEST_LIMIT: f64 = 0.8;
 /// Fewest rays that are worth while.
@@ -123,18 +125,31 @@ impl Job {
     /// Rays from each surfel that bring the error within the tolerance; `None` where none do: rays see
     /// cells, which stand out from hollows and bumps as points do not.
     pub fn rays(&self) -> Option<u32> {
+        self.rays_with(if self.apart() { self.sketch.left } else { 1.0 })
+    }
+
+    /// Whether bright spots are sampled apart, so that fewer rays do.
+    fn apart(&self) -> bool {
+        let spared = 1.0 - self.sketch.left.powf(1.0 / BY_RAYS);
+        let rays = self.rays_with(1.0).unwrap_or(*RAYS.end());
+        f64::from(rays) * spared >= SPARED
+    }
+
+    /// The same where a part of the contrast is `left`.
+    fn rays_with(&self, left: f64) -> Option<u32> {
         let Sketch {
             hidden,
             curved,
             contrast,
             ..
         } = self.sketch;
-        let limit = LIMIT * curved * hidden / (self.surfels.max(1) as f64).sqrt();
+        let limit = LIMIT * left.max(LEAST_LEFT) * curved * hidden;
+        let limit = limit / (self.surfels.max(1) as f64).sqrt();
         if contrast == 0.0 || limit > LARGEST_LIMIT * self.tolerance {
             return None;
         }
         let noise = (self.tolerance * self.tolerance - limit * limit).sqrt();
-        let rays = (NOISE * contrast / noise).powf(1.0 / BY_RAYS);
+        let rays = (NOISE * contrast * left / noise).powf(1.0 / BY_RAYS);
         let rays = rays.max(LEAST_RAYS).log2().round().exp2();
         (rays <= f64::from(*RAYS.end())).then_some(rays as u32)
     }
@@ -157,7 +172,8 @@ impl Job {
             Method::Direct => (n * n * pair, n * n * bytes::PAIR),
             Method::Classic => (2.0 * n * n * pair, n * n * bytes::PAIR),
             Method::Gather => {
-                let rays = n * f64::from(rays);
+                let spots = if self.apart() { SPARED } else { 0.0 };
+                let rays = n * (f64::from(rays) + spots);
                 let caches = (n / 2e4).max(1.0).powf(seconds::BY_CACHES);
                 (rays * between(seconds::RAY) * caches, rays * bytes::RAY)
             }

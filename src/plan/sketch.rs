@@ -6,6 +6,7 @@ use glam::{DVec3, Vec3};
 use rand::RngExt;
 
 use crate::error::Result;
+use crate::illuminate::Spots;
 use crate::lights;
 use crate::links::{self, Close};
 use crate::octree::{LEAF_SIZE, Octree};
@@ -36,6 +37,8 @@ pub struct Sketch {
     /// Standard deviation of the light that a ray brings, relative to that which all bring: root mean
     /// squares over the points. 0 where nothing is reflected.
     pub contrast: f64,
+    /// Part of that which is left when bright spots are sampled apart.
+    pub left: f64,
     /// How much of the surface in sight is curved or rough, 0 to 1: where the normal of a point is not
     /// that of the next one, though there is no edge between them.
     pub curved: f64,
@@ -58,9 +61,12 @@ impl Sketch {
         let mut sketch = look(scene, open, seed).unwrap_or_default();
         if reflected && sketch.contrast == 0.0 {
             // The light was too small to be among the few.
-            sketch.contrast = USUAL_CONTRAST;
+            (sketch.contrast, sketch.left) = (USUAL_CONTRAST, 1.0);
         }
-        sketch.contrast *= overlooked(scene);
+        // All of them are spots.
+        let overlooked = overlooked(scene);
+        sketch.contrast *= overlooked;
+        sketch.left /= overlooked;
         Sketch {
             shining: shining as f64 / cloud.len().max(1) as f64,
             sky,
@@ -98,23 +104,37 @@ fn look(scene: &Scene, open: bool, seed: u64) -> Result<Sketch> {
     let sent: Vec<DVec3> = (light.iter().zip(&surfels.reflectance))
         .map(|(h, r)| r.as_dvec3() * (*h + ambient))
         .collect();
+    let spots = Spots::of(&surfels, &light).is_spot;
+    let of_others: Vec<DVec3> = (sent.iter().zip(&spots).zip(&surfels.reflectance))
+        .map(|((b, is_spot), r)| if *is_spot { r.as_dvec3() * ambient } else { *b })
+        .collect();
     let close = Close::none(&surfels);
     let rays = links::gather::<f32>(&surfels, &occluders, &close, 0..RAYS, seed, &Silent)?;
-    let (mut variance, mut whole) = (0.0, 0.0);
-    for i in 0..surfels.len() {
-        let (mut mean, mut square) = (DVec3::ZERO, 0.0);
-        for (j, weight) in rays.row(i) {
-            mean += f64::from(weight) * sent[j];
-            square += f64::from(weight) * sent[j].length_squared();
+    // Variance of what rays bring, and the square of the mean.
+    let moments = |sent: &[DVec3]| {
+        let (mut variance, mut whole) = (0.0, 0.0);
+        for i in 0..surfels.len() {
+            let (mut mean, mut square) = (DVec3::ZERO, 0.0);
+            for (j, weight) in rays.row(i) {
+                mean += f64::from(weight) * sent[j];
+                square += f64::from(weight) * sent[j].length_squared();
+            }
+            variance += (square - mean.length_squared()).max(0.0);
+            whole += mean.length_squared();
         }
-        variance += (square - mean.length_squared()).max(0.0);
-        whole += mean.length_squared();
-    }
+        [variance, whole]
+    };
+    let [variance, whole] = moments(&sent);
+    let [left, _] = moments(&of_others);
     Ok(Sketch {
         hidden,
         contrast: match whole > 0.0 {
             true => (variance / whole).sqrt(),
             false => 0.0,
+        },
+        left: match variance > 0.0 {
+            true => (left / variance).sqrt().min(1.0),
+            false => 1.0,
         },
         curved: curved(&surfels),
         ..Sketch::default()
