@@ -103,11 +103,11 @@ impl<'a> Smoother<'a> {
         let mut list = [i as u32; NEIGHBOURS];
         let same = |&&(j, _): &&(u32, DVec3)| self.on_one_surface(i, j as usize);
         let on_it = nearest.iter().filter(same).map(|&(j, _)| j);
-        let count = list
-            .iter_mut()
-            .zip(on_it)
-            .map(|(place, j)| *place = j)
-            .count();
+        let mut count = 0;
+        for (place, j) in list.iter_mut().zip(on_it) {
+            *place = j;
+            count += 1;
+        }
         let reach = nearest
             .last()
             .map_or(0.0, |(_, offset)| offset.length() as f32);

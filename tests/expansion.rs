@@ -86,7 +86,7 @@ fn transport<T: Real>(
             let moments = source.moments(&mut workspace, order, source.centre, radius);
             return target.lit(|(x, n)| {
                 let way = vector::<T>(*x - source.centre);
-                wide::<T>(workspace.m2p(&moments, real(radius), way, vector::<T>(*n)))
+                wide::<T>(workspace.m2p(order, &moments, real(radius), way, vector::<T>(*n)))
             });
         }
     }

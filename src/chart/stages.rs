@@ -341,9 +341,7 @@ fn entry(target: usize, source: usize, weight: f32) -> Entry {
 
 /// Every leaf from those next to it in the octree's order.
 fn neighbours(octree: &Octree) -> Rows {
-    let facets = &octree.facets;
-    let mut leaves: Vec<usize> = (0..facets.len()).filter(|&f| facets[f].is_leaf()).collect();
-    leaves.sort_by_key(|&f| facets[f].begin);
+    let leaves: Vec<usize> = octree.leaves.iter().map(|&f| f as usize).collect();
     let count = NEIGHBOURS.min(leaves.len());
     let mut entries = Vec::with_capacity(leaves.len() * count);
     for (k, &target) in leaves.iter().enumerate() {
@@ -351,7 +349,7 @@ fn neighbours(octree: &Octree) -> Rows {
         let sources = &leaves[first..first + count];
         entries.extend(sources.iter().map(|&source| entry(target, source, 1.0)));
     }
-    Rows::new(facets.len(), entries)
+    Rows::new(octree.facets.len(), entries)
 }
 
 /// Segments between surfels that face each other: groups of `group` go from surfels side by side to

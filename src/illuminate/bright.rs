@@ -46,15 +46,18 @@ impl Spots {
         let mean = power / areas().sum::<f64>();
         let is_spot: Vec<bool> = sent.iter().map(|b| *b > SPOT * mean).collect();
         // The variance of what a ray meets, about.
-        let [mut all, mut others] = [f64::MIN_POSITIVE, 0.0];
+        let [mut all, mut others] = [0.0; 2];
         for ((area, b), is_spot) in areas().zip(&sent).zip(&is_spot) {
-            let square = area * (b / mean).powi(2);
+            let square = area * (b / mean.max(f64::MIN_POSITIVE)).powi(2);
             all += square;
             others += if *is_spot { 0.0 } else { square };
         }
         Spots {
             is_spot,
-            left: (others / all).sqrt(),
+            left: match all > 0.0 {
+                true => (others / all).sqrt(),
+                false => 1.0,
+            },
         }
     }
 }
@@ -80,9 +83,10 @@ impl Task<'_> {
                 .collect(),
             ..self.surfels.clone()
         };
-        let tolerances = [tolerance, EXPANSIONS * tolerance];
         let (visibility, progress) = (self.visibility, self.progress);
-        let mut arriving = lights::emitted(&lamps, tolerances, self.seed, visibility, progress)?;
+        let mut arriving = lights::emitted(
+            &lamps, tolerance, EXPANSIONS, self.seed, visibility, progress,
+        )?;
         arriving.smooth(smoother);
         let lights = (direct.irradiance.iter().zip(&spots)).zip(arriving.irradiance());
         Ok(Bright {

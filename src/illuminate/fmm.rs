@@ -11,7 +11,7 @@ use super::linked::Linked;
 use super::model::{Lit, model_error};
 use super::task::{DirectLight, ROUGH_ERROR, ROUGH_RESIDUAL, Solved, Task, counts};
 use super::verified::{Verified, likely};
-use super::verify::{Claim, Verifier};
+use super::verify::{Claim, RECEIVERS, Verifier};
 use super::work::{Bounced, Work};
 use crate::error::{Error, Result};
 use crate::links::{Links, SLACK};
@@ -25,10 +25,10 @@ use crate::visibility::Visibility;
 const ERROR_A_LINK: f64 = 0.25;
 /// Links are made at most so many times.
 const ROUNDS: u64 = 5;
-/// Part of the segments of a solution that its verification may test.
-const VERIFICATION: f64 = 0.06;
+/// Part of the segments of a solution that its verification may test, at a first look.
+const VERIFICATION: f64 = 0.05;
 /// Segments that it may test in any case.
-const LEAST_SEGMENTS: u64 = 1 << 17;
+const LEAST_SEGMENTS: u64 = 90_000;
 /// The error falls as this power of what a link may be off by: measured are 0.3 to 0.55 with
 /// occlusion. Without, errors are those of expansions.
 const POWER: [f64; 2] = [0.45, 1.0];
@@ -209,7 +209,7 @@ impl Task<'_> {
         model: Option<f64>,
         round: u64,
     ) -> Result<(Verified, Option<f64>)> {
-        let look = |again: u64| self.verify(direct, found, (1 + again) * budget, 2 * round + again);
+        let look = |again: u64| self.verify(direct, found, budget, 2 * round + again);
         let mut verified = look(0)?;
         let model = match round {
             0 => {
@@ -223,13 +223,13 @@ impl Task<'_> {
             _ => self.tolerance,
         };
         verified.judge_by(tolerance);
-        // Where the error is small enough, but not known well enough, to look twice as closely is cheaper
-        // than to make it smaller.
+        // Where the error is small enough, but not known well enough, to look at more points is cheaper than
+        // to make it smaller.
         let known = (verified.bound() - verified.error()) * FRAC_1_SQRT_2;
-        if !verified.met && verified.error() + known <= tolerance {
-            let first = std::mem::replace(&mut verified, look(1)?);
-            verified.seconds += first.seconds;
-            verified.segments += first.segments;
+        let closer = verified.receivers < RECEIVERS[0].min(self.surfels.len());
+        let worth = closer && !self.visibility.is_open();
+        if !verified.met && worth && verified.error() + known <= tolerance {
+            verified = verified.and(&look(1)?);
             verified.judge_by(tolerance);
         }
         Ok((verified, model))

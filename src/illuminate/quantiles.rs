@@ -39,6 +39,23 @@ impl Interval {
         self.map(|x| x.max(0.0).sqrt())
     }
 
+    /// The mean of two independent ones that are equally well known.
+    pub(super) fn and(self, other: Interval) -> Interval {
+        let value = 0.5 * (self.value + other.value);
+        let off = |of: fn(Interval) -> f64| 0.5 * of(self).hypot(of(other));
+        Interval {
+            value,
+            low: value - off(|i| i.value - i.low),
+            high: value + off(|i| i.high - i.value),
+        }
+    }
+
+    /// The same of square roots, whose squares are averaged.
+    pub(super) fn and_root(self, other: Interval) -> Interval {
+        let [a, b] = [self, other].map(|root| root.map(|x| x * x));
+        a.and(b).root()
+    }
+
     /// In units of `whole`; 0 if that is nothing.
     pub(super) fn over(self, whole: f64) -> Interval {
         self.map(|x| if whole > 0.0 { x / whole } else { 0.0 })

@@ -37,6 +37,8 @@ const CLOSE: [f32; 2] = [3.0, 6.0];
 const MANY_RAYS: u32 = 256;
 /// Rays from each surfel that cost as much as to sample bright spots apart.
 pub(crate) const SPARED: f64 = 64.0;
+/// Factor on the tolerance of what spots send, where more rays are in vain.
+const CARE: f64 = 0.3;
 /// Twice as many rays that leave more than this part of the error are in vain: what is left is no noise,
 /// but that rays meet cells where sums take points.
 const STUCK: f64 = 0.9;
@@ -78,8 +80,8 @@ impl Task<'_> {
         let mut start: Option<Vec<DVec3>> = None;
         let mut spots = Spots::of(self.surfels, &direct.irradiance);
         // Whether what these send is sampled apart.
-        let mut apart = wanted.is_some_and(|rays| self.spares(rays, &spots));
-        let mut bright: Option<Bright> = None;
+        let mut apart = wanted.is_some() && self.spares(rays, &spots);
+        let (mut bright, mut care) = (None::<Bright>, 1.0);
         let (mut fewer, mut stuck_before) = (rays, false);
         let mut best: Option<(Solved, Verified)> = None;
         for round in 0.. {
@@ -87,7 +89,8 @@ impl Task<'_> {
             let both = links::mean(&cast.rows, &more, self.progress)?;
             let links = self.links_of(cast.close.and(&both, self.progress)?);
             if apart && bright.is_none() {
-                bright = Some(self.bright(&direct, &spots, lights, &smoother)?);
+                bright = Some(self.bright(&direct, &spots, care * lights, &smoother)?);
+                start = None;
             }
             let lamps = bright.as_ref().map_or(&direct.irradiance, |b| &b.lights);
             let clock = Instant::now();
@@ -118,7 +121,11 @@ impl Task<'_> {
             // A few points that are far off make an error that is not well known: then it takes two rounds.
             let known = verified.bound() < KNOWN * verified.error();
             let stuck = fell.is_some_and(|power| power < -STUCK.log2());
-            let in_vain = !verified.met && stuck && (known || stuck_before);
+            let mut in_vain = !verified.met && stuck && (known || stuck_before);
+            if in_vain && bright.is_some() && care == 1.0 {
+                // What is left may be wrong with the spots.
+                (bright, care, in_vain) = (None, CARE, false);
+            }
             stuck_before = stuck;
             let solved = Solved {
                 direct: direct.irradiance.clone(),
@@ -145,17 +152,14 @@ impl Task<'_> {
             }
             let [least, most] = POWER;
             let power = fell.map_or(most, |power| power.clamp(least, most));
-            let next = |wrong: f64| {
+            let enough = |wrong: f64| {
                 let more = wrong.powf(1.0 / power).clamp(2.0, MOST_MORE);
-                let next = (f64::from(rays) * more) as u32;
-                next.next_power_of_two().min(*RAYS.end())
+                let enough = (f64::from(rays) * more) as u32;
+                enough.next_power_of_two().min(*RAYS.end())
             };
-            apart |= self.spares(next(wrong), &spots);
-            let next = next(if apart && bright.is_none() {
-                wrong * spots.left
-            } else {
-                wrong
-            });
+            let newly = !apart && self.spares(enough(wrong), &spots);
+            apart |= newly;
+            let next = enough(if newly { wrong * spots.left } else { wrong });
             if let Err(why) = check_memory(next) {
                 self.progress.note(&format!("no more rays: {why}"));
                 break;
@@ -176,7 +180,8 @@ impl Task<'_> {
         })
     }
 
-    /// Whether it spares enough of so many rays if spots are sampled apart.
+    /// Whether it spares enough of so many rays if spots are sampled apart. Where bounces are counted it
+    /// cannot be: what spots reflect would be one ahead.
     fn spares(&self, rays: u32, spots: &Spots) -> bool {
         let spared = f64::from(rays) * (1.0 - spots.left.powf(1.0 / POWER[1]));
         self.max_bounces.is_none() && spared >= SPARED

@@ -180,7 +180,8 @@ impl Task<'_> {
         }
         let mut emitted = lights::emitted(
             surfels,
-            [tolerance, lights::EXPANSIONS * tolerance],
+            tolerance,
+            lights::EXPANSIONS,
             self.seed,
             self.visibility,
             progress,

@@ -70,10 +70,39 @@ impl Verified {
         likely(self.total.rel_l2).max(reflected)
     }
 
+    /// Two independent looks at one solution together: the means of what they found, and half of the
+    /// variance.
+    pub(super) fn and(&self, other: &Verified) -> Verified {
+        Verified {
+            receivers: self.receivers + other.receivers,
+            segments: self.segments + other.segments,
+            seconds: self.seconds + other.seconds,
+            tolerance: self.tolerance,
+            met: false,
+            total: self.total.and(&other.total),
+            direct: self.direct.and_root(other.direct),
+            reflected: self.reflected.zip(other.reflected).map(|(a, b)| a.and(&b)),
+        }
+    }
+
     /// Takes a tolerance as what was asked for.
     pub(super) fn judge_by(&mut self, tolerance: f64) {
         self.tolerance = tolerance;
         self.met = self.bound() <= tolerance;
+    }
+}
+
+impl Errors {
+    fn and(&self, other: &Errors) -> Errors {
+        Errors {
+            one_bounce: self.one_bounce.and_root(other.one_bounce),
+            rel_l2: self.rel_l2.and_root(other.rel_l2),
+            median: self.median.and(other.median),
+            p95: self.p95.and(other.p95),
+            p99: self.p99.and(other.p99),
+            max: self.max.max(other.max),
+            bias: self.bias.and(other.bias),
+        }
     }
 }
 

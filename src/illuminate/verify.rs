@@ -42,7 +42,7 @@ pub struct Verifier<'a> {
 }
 
 /// Surfels that are looked at, at most and at least.
-const RECEIVERS: [usize; 2] = [30_000, 200];
+pub(super) const RECEIVERS: [usize; 2] = [30_000, 200];
 /// Fewest of them for which exact sums are taken.
 const EXACT: usize = 1000;
 /// Draws of an estimate, on average, at a tolerance of 0.03: its noise should be as large as the error.

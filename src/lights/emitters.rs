@@ -44,14 +44,7 @@ pub fn emitters(
     visibility: &dyn Visibility,
     progress: &dyn Progress,
 ) -> Result<Vec<DVec3>> {
-    Ok(emitted(
-        surfels,
-        [tolerance, EXPANSIONS * tolerance],
-        seed,
-        visibility,
-        progress,
-    )?
-    .irradiance())
+    Ok(emitted(surfels, tolerance, EXPANSIONS, seed, visibility, progress)?.irradiance())
 }
 
 /// Light from the surfels' emission.
@@ -92,11 +85,12 @@ impl Emitted {
     }
 }
 
-/// Finds the light from the surfels' emission. The two tolerances are that of what is hidden, and how
-/// far expansions may be off at worst; as a rule it is a tenth of that.
+/// Finds the light from the surfels' emission. Expansions may be off by so many tolerances at worst; as a
+/// rule it is a tenth of that.
 pub fn emitted(
     surfels: &Surfels,
-    [tolerance, expansions]: [f64; 2],
+    tolerance: f64,
+    expansions: f64,
     seed: u64,
     visibility: &dyn Visibility,
     progress: &dyn Progress,
@@ -112,7 +106,7 @@ pub fn emitted(
     if shining.is_empty() {
         return Ok(emitted);
     }
-    let emitters = Emitters::new(surfels, &shining, expansions);
+    let emitters = Emitters::new(surfels, &shining, expansions * tolerance);
     // From K strata the visible part of a lamp with a straight shadow on it is off by K^(-3/4).
     let [more, limit] = MORE_SEGMENTS;
     let more = (more * (0.03 / tolerance).powf(4.0 / 3.0)).min(limit) as usize;
@@ -236,6 +230,8 @@ struct Receiver {
     unoccluded: DVec3,
     tested: DVec3,
     seen: DVec3,
+    /// Whether these are of all emitters.
+    is_exact: bool,
 }
 
 impl Receiver {
@@ -344,6 +340,7 @@ impl Emitters {
             random: stream(seed, Purpose::Emitters, i as u64),
             tested: DVec3::ZERO,
             seen: DVec3::ZERO,
+            is_exact: false,
         }
     }
 
@@ -377,11 +374,11 @@ impl Emitters {
         if r.items.len() <= count
             && let Some(all) = r.items.iter().map(single).collect()
         {
-            return if r.tested == DVec3::ZERO {
-                all
-            } else {
-                Vec::new()
-            };
+            if r.is_exact {
+                return Vec::new();
+            }
+            (r.tested, r.seen, r.is_exact) = (DVec3::ZERO, DVec3::ZERO, true);
+            return all;
         }
         let step = total / count as f64;
         let mut next = step * r.random.random::<f64>();

@@ -150,12 +150,9 @@ impl TransportOperator for Hausner<'_> {
         let flux: Vec<DVec3> = radiosity.iter().zip(areas).map(|(&b, &a)| b * a).collect();
         let multipoles = self.multipoles(&flux);
         let locals = self.locals(&flux, &multipoles);
-        let facets = &self.octree.facets;
-        let mut leaves: Vec<usize> = (0..facets.len()).filter(|&f| facets[f].is_leaf()).collect();
-        leaves.sort_unstable_by_key(|&f| facets[f].begin);
+        let leaves = self.octree.leaves.par_iter();
         let mut irradiance: Vec<DVec3> = leaves
-            .par_iter()
-            .flat_map_iter(|&leaf| self.at_leaf(leaf, &flux, &multipoles, &locals))
+            .flat_map_iter(|&leaf| self.at_leaf(leaf as usize, &flux, &multipoles, &locals))
             .collect();
         let links = self.links;
         p2p(

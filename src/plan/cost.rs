@@ -17,6 +17,8 @@ pub(super) struct Job {
     pub open: bool,
     pub lamps: usize,
     pub threads: usize,
+    /// Rays that are asked for.
+    pub asked: Option<u32>,
     pub sketch: Sketch,
 }
 
@@ -125,14 +127,8 @@ impl Job {
     /// Rays from each surfel that bring the error within the tolerance; `None` where none do: rays see
     /// cells, which stand out from hollows and bumps as points do not.
     pub fn rays(&self) -> Option<u32> {
-        self.rays_with(if self.apart() { self.sketch.left } else { 1.0 })
-    }
-
-    /// Whether bright spots are sampled apart, so that fewer rays do.
-    fn apart(&self) -> bool {
-        let spared = 1.0 - self.sketch.left.powf(1.0 / BY_RAYS);
-        let rays = self.rays_with(1.0).unwrap_or(*RAYS.end());
-        f64::from(rays) * spared >= SPARED
+        let left = if self.apart() { self.sketch.left } else { 1.0 };
+        self.asked.or_else(|| self.rays_with(left))
     }
 
     /// The same where a part of the contrast is `left`.
@@ -154,6 +150,16 @@ impl Job {
         (rays <= f64::from(*RAYS.end())).then_some(rays as u32)
     }
 
+    /// Whether bright spots are sampled apart, so that fewer rays do.
+    fn apart(&self) -> bool {
+        let spared = 1.0 - self.sketch.left.powf(1.0 / BY_RAYS);
+        let rays = self
+            .asked
+            .or_else(|| self.rays_with(1.0))
+            .unwrap_or(*RAYS.end());
+        self.sketch.contrast > 0.0 && f64::from(rays) * spared >= SPARED
+    }
+
     /// What a method takes.
     pub fn cost(&self, method: Method, rays: u32) -> Cost {
         let (points, n) = (self.points as f64, self.surfels as f64);
@@ -173,9 +179,9 @@ impl Job {
             Method::Classic => (2.0 * n * n * pair, n * n * bytes::PAIR),
             Method::Gather => {
                 let spots = if self.apart() { SPARED } else { 0.0 };
-                let rays = n * (f64::from(rays) + spots);
-                let caches = (n / 2e4).max(1.0).powf(seconds::BY_CACHES);
-                (rays * between(seconds::RAY) * caches, rays * bytes::RAY)
+                let ray = between(seconds::RAY) * (n / 2e4).max(1.0).powf(seconds::BY_CACHES);
+                let rays = f64::from(rays);
+                (n * (rays + spots) * ray, n * rays * bytes::RAY)
             }
             Method::Fmm | Method::Auto if self.open => {
                 let order = open::order(self.tolerance) as f64;

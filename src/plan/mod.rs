@@ -126,6 +126,10 @@ impl Plan {
         let tolerance = tolerance(scene, options);
         let surfels = surfels(scene, &thinning(options, tolerance));
         let open = options.occlusion == Occlusion::None;
+        let mut sketch = Sketch::of(scene, open, options.seed);
+        if options.max_bounces.is_some() {
+            sketch.left = 1.0; // then spots are not sampled apart
+        }
         let job = Job {
             points: scene.cloud.len(),
             surfels,
@@ -134,15 +138,12 @@ impl Plan {
             open,
             lamps: scene.lights.len(),
             threads: rayon::current_num_threads(),
-            sketch: Sketch::of(scene, open, options.seed),
+            asked: options.rays.map(u32::next_power_of_two),
+            sketch,
         };
         let (method, why) = choose(options, backend, &job, free, many);
         let (order, leaf_size) = expansions(options, method, tolerance, surfels, backend)?;
-        let rays = options
-            .rays
-            .map(u32::next_power_of_two)
-            .or_else(|| job.rays())
-            .unwrap_or(MANY_RAYS);
+        let rays = job.rays().unwrap_or(MANY_RAYS);
         let cost = job.cost(method, rays);
         let plan = Plan {
             points: job.points,

@@ -63,7 +63,7 @@ impl Sketch {
             // The light was too small to be among the few.
             (sketch.contrast, sketch.left) = (USUAL_CONTRAST, 1.0);
         }
-        // All of them are spots.
+        // What was overlooked are spots.
         let overlooked = overlooked(scene);
         sketch.contrast *= overlooked;
         sketch.left /= overlooked;

@@ -375,10 +375,8 @@ impl Prepared {
                 .iter()
                 .any(|&k| gone[k as usize].distance(place) <= self.reach[i as usize])
         };
-        let torn: Vec<u32> = (0..positions.len() as u32)
-            .into_par_iter()
-            .filter(next_to_hole)
-            .collect();
+        let torn = along_curve(&positions).into_par_iter();
+        let torn: Vec<u32> = torn.filter(next_to_hole).collect();
         let neighbours = Neighbours::new(&positions)?;
         let cells = self.cells_of(&neighbours, &torn);
         drop(neighbours);
