@@ -107,7 +107,8 @@ fn rays_follow_the_tolerance() {
 }
 
 /// A lamp next to a wall makes a spot there that few rays meet. What it reflects is sampled apart where
-/// there are enough rays: four times as many of them then leave far less than the usual 4^-0.8 of the noise.
+/// there are enough rays, here from 128 on: those leave a third of the noise of half as many, and not the
+/// usual 2^-0.8.
 #[test]
 fn bright_spots_are_no_noise() {
     let mut scene = scene("cornell", 4000);
@@ -132,8 +133,8 @@ fn bright_spots_are_no_noise() {
         assert!(off.bias.abs() < 0.002);
         said.value
     };
-    let (few, many) = (error(32), error(128));
-    assert!(many < 0.2 * few, "{many} {few}");
+    let (few, many) = (error(64), error(128));
+    assert!(many < 0.45 * few, "{many} {few}");
 }
 
 #[test]

@@ -283,7 +283,7 @@ fn a_tolerance_that_is_met_is_kept() {
 /// A verification takes few segments beside those of the solution.
 #[test]
 fn verification_is_cheap() {
-    let lit = solve(&scene("organic", 10_000), Method::Fmm, 0.03, None);
+    let lit = solve(&scene("organic", 20_000), Method::Fmm, 0.03, None);
     let (own, all) = (lit.stats.error.unwrap().segments, lit.stats.segments);
     println!("{own} segments for the verification, {all} for the solution");
     assert!(own as f64 <= 0.1 * all as f64);

@@ -28,7 +28,7 @@ const ROUNDS: u64 = 5;
 /// Part of the segments of a solution that its verification may test, at a first look.
 const VERIFICATION: f64 = 0.05;
 /// Segments that it may test in any case.
-const LEAST_SEGMENTS: u64 = 90_000;
+const LEAST_SEGMENTS: u64 = 1 << 17;
 /// The error falls as this power of what a link may be off by: measured are 0.3 to 0.55 with
 /// occlusion. Without, errors are those of expansions.
 const POWER: [f64; 2] = [0.45, 1.0];
