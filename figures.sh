@@ -43,7 +43,7 @@ tolerance() {
         clock solve "scenes/$scene.toml" --points "$points" --tolerance "$tolerance" -v -o "$out/lit.ply"
     done <<<"cornell 128000 0.02
 organic 128000 0.02
-cave 120000 0.025
+cave 128000 0.025
 cornell 1000000 0.02
 cornell 20000 0.02
 cornell 200000 0.02

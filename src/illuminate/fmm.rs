@@ -225,10 +225,10 @@ impl Task<'_> {
         verified.judge_by(tolerance);
         // Where the error is small enough, but not known well enough, to look at more points is cheaper than
         // to make it smaller.
-        let known = (verified.bound() - verified.error()) * FRAC_1_SQRT_2;
+        let unknown = (verified.bound() - verified.error()) * FRAC_1_SQRT_2;
         let closer = verified.receivers < RECEIVERS[0].min(self.surfels.len());
         let worth = closer && !self.visibility.is_open();
-        if !verified.met && worth && verified.error() + known <= tolerance {
+        if !verified.met && worth && verified.error() + unknown <= tolerance {
             verified = verified.and(&look(1)?);
             verified.judge_by(tolerance);
         }
