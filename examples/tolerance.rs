@@ -1,7 +1,8 @@
 //! Is the tolerance kept, and is the error that a solve states true? For scenes of some sizes and for
 //! scans: what was asked for, what the solve measured itself (with its 95% bounds), and what exact sums
 //! at 500 surfels say of the same solution; up to 5,000 points also how far the solution is from the
-//! dense one after all bounces. Each for the whole irradiance and for the reflected part of it.
+//! dense one after all bounces. Each for the whole irradiance and for the reflected part of
+//! it, which under a sky may be further off than was asked for: the tolerance is that of both together.
 //!
 //! ```sh
 //! cargo run --release --example tolerance                     # 2,000, 20,000 and 200,000 points

@@ -3,7 +3,7 @@
 mod clouds;
 mod common;
 
-use clouds::cube;
+use clouds::{cube, joined, quad};
 use common::{gpu, scene};
 use fmmgi_gpu::compare::compare;
 use fmmgi_gpu::progress::Silent;
@@ -135,6 +135,51 @@ fn bright_spots_are_no_noise() {
     };
     let (few, many) = (error(64), error(128));
     assert!(many < 0.45 * few, "{many} {few}");
+}
+
+/// Under a sky a ball on a floor reflects a little to it, which needs no better light than the sky has: both
+/// together are within the tolerance, and said to be.
+#[test]
+fn reflected_light_counts_with_the_sky() {
+    let floor = quad(
+        DVec3::new(-1.0, -1.0, -0.05),
+        3.0 * DVec3::X,
+        3.0 * DVec3::Y,
+        50,
+        0.5,
+        7,
+    );
+    let mut scene = Scene {
+        cloud: joined([floor, cube(20, 0.5, false, 1)]),
+        sky: Vec3::ONE,
+        ..Scene::default()
+    };
+    scene.cloud.reflectance = vec![Vec3::splat(0.5); scene.cloud.len()];
+    let options = Options {
+        seed: 3,
+        ..Options::default()
+    };
+    let few = solve(&scene, &options);
+    let fine = Options {
+        method: Method::Direct,
+        tolerance: Some(0.003),
+        ..Options::default()
+    };
+    let truth = illuminate(&scene, &fine, Backend::Cpu, &Silent)
+        .unwrap()
+        .map;
+    let off = compare(&few.map.irradiance, &truth.irradiance).unwrap();
+    let said = few.stats.error.unwrap();
+    println!(
+        "off by {:.4}, bias {:+.4}; said {said}; {said:?}",
+        off.rel_l2, off.bias
+    );
+    assert!(said.met && few.stats.rays == Some(16));
+    assert!(off.rel_l2 <= said.ambient.high && off.bias.abs() < 0.003);
+    // Reflected light alone is not.
+    assert!(said.reflected.unwrap().rel_l2.low > said.tolerance);
+    // All light that there is comes from all around.
+    assert!((said.total.rel_l2.value / said.ambient.value - 1.0).abs() < 1e-6);
 }
 
 #[test]

@@ -43,7 +43,16 @@ impl Lit {
         let occluders = Occluders::build(&surfels);
         let visibility = CpuVisibility::<f32>::new(&occluders);
         let lamps = lights::point_lights(&surfels, &scene.lights, &visibility, &Silent).unwrap();
-        let sky = lights::sky(&surfels, scene.sky, TOLERANCE, 1, &visibility, &Silent).unwrap();
+        let sky = lights::sky(
+            &surfels,
+            scene.sky,
+            TOLERANCE,
+            1,
+            &visibility,
+            None,
+            &Silent,
+        )
+        .unwrap();
         let shining = lights::emitters(&surfels, TOLERANCE, 1, &visibility, &Silent).unwrap();
         let lights: Vec<DVec3> = (0..surfels.len())
             .map(|i| lamps.irradiance[i] + sky[i] + shining[i])

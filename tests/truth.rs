@@ -141,7 +141,16 @@ fn surroundings_and_sky_are_everything() {
     let rows = operator
         .apply(&vec![DVec3::ONE; prepared.surfels.len()])
         .unwrap();
-    let sky = lights::sky(&prepared.surfels, Vec3::ONE, 0.01, 1, &visibility, &Silent).unwrap();
+    let sky = lights::sky(
+        &prepared.surfels,
+        Vec3::ONE,
+        0.01,
+        1,
+        &visibility,
+        None,
+        &Silent,
+    )
+    .unwrap();
     let sums: Vec<f64> = rows.iter().zip(&sky).map(|(r, s)| r.x + s.x).collect();
     let mean = sums.iter().sum::<f64>() / sums.len() as f64;
     let p95 = percentile(sums.iter().map(|s| (s - 1.0).abs()).collect(), 0.95);

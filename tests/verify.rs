@@ -157,6 +157,7 @@ impl Case {
             irradiance: &self.irradiance,
             lights: &self.direct,
             sampled: &self.direct,
+            sky: &vec![DVec3::ZERO; self.direct.len()],
             reflected: &self.reflected(),
         };
         let measured = verifier.measure(&claim, budget, 0, &Silent).unwrap();

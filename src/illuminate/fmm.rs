@@ -10,7 +10,7 @@ use super::even::even;
 use super::linked::Linked;
 use super::model::{Lit, model_error};
 use super::task::{DirectLight, ROUGH_ERROR, ROUGH_RESIDUAL, Solved, Task, counts};
-use super::verified::{Verified, likely};
+use super::verified::Verified;
 use super::verify::{Claim, RECEIVERS, Verifier};
 use super::work::{Bounced, Work};
 use crate::error::{Error, Result};
@@ -40,6 +40,10 @@ const STUCK: f64 = 0.95;
 const AIM: f64 = 0.9;
 /// Bounds of the factor on what is allowed from one round to the next.
 const STEP: [f64; 2] = [0.03, 0.7];
+/// The error of sampled lights falls as this power of their tolerance on rough surfaces.
+const LIGHTS_POWER: f64 = 0.7;
+/// Smaller tolerances of lights than this one find no more.
+pub(super) const FINEST_LIGHTS: f64 = 5e-4;
 /// Largest such factor without occlusion, where a round costs next to nothing, and errors fall by steps.
 const OPEN_STEP: f64 = 0.35;
 
@@ -289,6 +293,7 @@ impl Task<'_> {
             irradiance: bounced.map_or(&direct.irradiance, |b| &b.irradiance),
             lights: &direct.irradiance,
             sampled: &direct.sampled,
+            sky: &direct.sky,
             reflected: &self.reflected(bounced),
         };
         let measured = verifier.measure(&claim, budget, round, self.progress)?;
@@ -303,26 +308,26 @@ pub(super) fn budget(segments: u64) -> u64 {
     ((VERIFICATION * segments as f64) as u64).max(LEAST_SEGMENTS)
 }
 
+/// Factor on the tolerance of lights whose error is so many times too large.
+pub(super) fn finer_lights(wrong: f64) -> f64 {
+    wrong.powf(-1.0 / LIGHTS_POWER).clamp(0.3, 0.8)
+}
+
 impl Effort {
     /// What should meet the tolerance, after rounds that did not: `history` has their allowed errors of
     /// links and the errors that came of them.
     fn refined(self, verified: &Verified, history: &[(f64, f64)], open: bool) -> Effort {
         let mut next = self;
         // How much smaller an error has to be, so that its upper bound, too, is within the tolerance.
-        let too_large = |error: super::Interval| likely(error) / (AIM * verified.tolerance);
-        let of_all = too_large(verified.total.rel_l2);
-        let direct = verified.direct.value / verified.total.rel_l2.value.max(f64::MIN_POSITIVE);
-        let reflected = verified.reflected.map_or(0.0, |r| too_large(r.rel_l2));
-        let one_bounce = verified.reflected.map_or(0.0, |r| too_large(r.one_bounce));
+        let too_large = |error: f64| error / (AIM * verified.tolerance);
         // A bound that is missed by little asks for a little more.
-        let all = of_all.max(reflected).max(1.0 / AIM);
-        let (by_lights, by_links) = match direct > 0.5 {
-            // Where lights are wrong, so is what is reflected of them: links are innocent of that.
-            true => (all, one_bounce),
+        let all = too_large(verified.likely()).max(1.0 / AIM);
+        let (by_lights, by_links) = match verified.by_lights() && self.lights > FINEST_LIGHTS {
+            true => (all, too_large(verified.by_operator())),
             false => (0.0, all),
         };
         if by_lights > 1.0 {
-            next.lights *= (1.0 / by_lights).clamp(0.3, 0.8);
+            next.lights *= finer_lights(by_lights);
         }
         if by_links > 1.0 {
             let [closed, opened] = POWER;

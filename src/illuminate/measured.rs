@@ -18,6 +18,8 @@ pub struct Claim<'a> {
     pub lights: &'a [DVec3],
     /// The part of that which is sampled: from sky and shining surfels.
     pub sampled: &'a [DVec3],
+    /// The part of that which comes from the sky.
+    pub sky: &'a [DVec3],
     /// Reflected radiosity that makes the rest of it.
     pub reflected: &'a [DVec3],
 }
@@ -25,7 +27,9 @@ pub struct Claim<'a> {
 /// Differences between a solution and estimates of it at one receiver.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Off {
-    pub(super) direct: DVec3,
+    /// Of light straight from shining surfels.
+    pub(super) emitted: DVec3,
+    pub(super) sky: DVec3,
     pub(super) reflected: DVec3,
 }
 
@@ -45,6 +49,8 @@ pub struct Measured {
 pub(super) enum Part {
     Total,
     Reflected,
+    /// What comes from all around: reflected light and that of the sky.
+    Ambient,
     /// What is sampled of the light straight from lights, in units of the whole.
     Direct,
 }
@@ -52,19 +58,31 @@ pub(super) enum Part {
 impl Part {
     pub(super) fn of(self, off: &[Off]) -> Vec<DVec3> {
         let of = |off: &Off| match self {
-            Part::Total => off.direct + off.reflected,
+            Part::Total => off.emitted + off.sky + off.reflected,
             Part::Reflected => off.reflected,
-            Part::Direct => off.direct,
+            Part::Ambient => off.sky + off.reflected,
+            Part::Direct => off.emitted + off.sky,
         };
         off.iter().map(of).collect()
     }
 }
 
 impl Claim<'_> {
+    /// The sampled light straight from lights at a surfel.
+    pub(super) fn of_lights(&self, i: u32) -> Off {
+        let i = i as usize;
+        Off {
+            emitted: self.sampled[i] - self.sky[i],
+            sky: self.sky[i],
+            reflected: DVec3::ZERO,
+        }
+    }
+
     pub(super) fn part(&self, part: Part, i: usize) -> DVec3 {
         match part {
             Part::Total | Part::Direct => self.irradiance[i],
             Part::Reflected => self.irradiance[i] - self.lights[i],
+            Part::Ambient => self.irradiance[i] - self.lights[i] + self.sky[i],
         }
     }
 
@@ -100,7 +118,8 @@ impl Claim<'_> {
 
 impl Off {
     pub(super) fn add(&mut self, other: Off) {
-        self.direct += other.direct;
+        self.emitted += other.emitted;
+        self.sky += other.sky;
         self.reflected += other.reflected;
     }
 }
@@ -110,7 +129,7 @@ impl Measured {
     pub(super) fn close(&mut self, claim: &Claim) {
         for off in &mut self.off {
             for (off, &i) in off.iter_mut().zip(&self.receivers.surfels) {
-                off.direct += claim.sampled[i as usize];
+                off.add(claim.of_lights(i));
             }
         }
     }
@@ -125,7 +144,8 @@ impl Measured {
     pub(super) fn mean(&self) -> Vec<Off> {
         let [a, b] = &self.off;
         let mean = |(a, b): (&Off, &Off)| Off {
-            direct: 0.5 * (a.direct + b.direct),
+            emitted: 0.5 * (a.emitted + b.emitted),
+            sky: 0.5 * (a.sky + b.sky),
             reflected: 0.5 * (a.reflected + b.reflected),
         };
         a.iter().zip(b).map(mean).collect()
@@ -135,7 +155,7 @@ impl Measured {
     pub(super) fn largest(&self, claim: &Claim) -> Vec<usize> {
         let count = (LARGEST * self.receivers.len() as f64).ceil() as usize;
         let mut chosen = Vec::new();
-        for part in [Part::Total, Part::Reflected] {
+        for part in [Part::Total, Part::Ambient] {
             let mean = claim.level(part).1;
             let off = part.of(&self.best);
             let relative = |k: usize| {

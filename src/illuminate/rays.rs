@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bright::{Bright, Spots};
 use super::even::even;
-use super::fmm::budget;
+use super::fmm::{FINEST_LIGHTS, budget, finer_lights};
 use super::task::{Solve, Solved, Task, counts};
 use super::verified::Verified;
 use super::work::Bounced;
@@ -75,18 +75,20 @@ impl Task<'_> {
         if black || dark || self.max_bounces == Some(0) {
             return Ok(Solved::without_reflection(direct.irradiance));
         }
-        let mut cast = Cast::new(self, occluders, rays / 2)?;
+        let mut cast = Cast::new(self, occluders, rays)?;
         let (mut solving, mut verification) = (0.0, 0.0);
         let mut start: Option<Vec<DVec3>> = None;
         let mut spots = Spots::of(self.surfels, &direct.irradiance);
         // Whether what these send is sampled apart.
         let mut apart = wanted.is_some() && self.spares(rays, &spots);
         let (mut bright, mut care) = (None::<Bright>, 1.0);
-        let (mut fewer, mut stuck_before) = (rays, false);
+        // So many of the round before, if that had fewer.
+        let (mut fewer, mut stuck_before) = (None::<u32>, false);
         let mut best: Option<(Solved, Verified)> = None;
         for round in 0.. {
-            let more = cast.up_to(rays)?;
-            let both = links::mean(&cast.rows, &more, self.progress)?;
+            cast.up_to(rays)?;
+            let [half, other] = &cast.halves;
+            let both = links::mean(half, other, self.progress)?;
             let links = self.links_of(cast.close.and(&both, self.progress)?);
             if apart && bright.is_none() {
                 bright = Some(self.bright(&direct, &spots, care * lights, &smoother)?);
@@ -96,7 +98,7 @@ impl Task<'_> {
             let clock = Instant::now();
             let work = self.work(lamps, start.as_deref(), self.stop());
             let bounced = solve(&links, &work)?;
-            let noise = noise([&cast.rows, &more], &bounced, lamps);
+            let noise = noise([half, other], &bounced, lamps);
             let bounced = even(bounced, self.surfels, &smoother, lamps, noise);
             solving += clock.elapsed().as_secs_f64();
             start = Some(bounced.reflected.clone());
@@ -105,7 +107,8 @@ impl Task<'_> {
                 None => bounced,
             };
             let model = best.as_ref().and_then(|(last, _)| last.model_error);
-            let tested = budget(u64::from(rays) * self.surfels.len() as u64);
+            let cast_so_far = u64::from(cast.count) * self.surfels.len() as u64;
+            let tested = budget(self.visibility.segments() + cast_so_far);
             let claimed = Some((&links, &bounced));
             let (verified, model) = self.verify_round(&direct, claimed, tested, model, round)?;
             verification += verified.seconds;
@@ -114,7 +117,7 @@ impl Task<'_> {
             ));
             let last = best.take().map(|(_, last)| last);
             // The power of the number of rays by which the error fell.
-            let fell = last.map(|last| {
+            let fell = last.zip(fewer).map(|(last, fewer)| {
                 let ratio = verified.error() / last.error().max(f64::MIN_POSITIVE);
                 -ratio.log2() / f64::from(rays / fewer).log2()
             });
@@ -143,12 +146,16 @@ impl Task<'_> {
             if verified.met || in_vain || all || !bounced.ended.converged {
                 break;
             }
-            let wrong = verified.likely() / (AIM * verified.tolerance);
-            // Where lights are wrong, so is what is reflected of them.
-            if verified.direct.value > 0.5 * verified.total.rel_l2.value {
-                lights *= (1.0 / wrong).clamp(0.3, 0.8);
+            let mut wrong = verified.likely() / (AIM * verified.tolerance);
+            if verified.by_lights() && lights > FINEST_LIGHTS {
+                lights *= finer_lights(wrong);
                 direct = self.direct_light(lights, Some(&smoother), &mut Vec::new())?;
                 (spots, bright) = (Spots::of(self.surfels, &direct.irradiance), None);
+                wrong = verified.by_operator() / (AIM * verified.tolerance);
+                if wrong <= 1.0 {
+                    fewer = None;
+                    continue;
+                }
             }
             let [least, most] = POWER;
             let power = fell.map_or(most, |power| power.clamp(least, most));
@@ -164,9 +171,8 @@ impl Task<'_> {
                 self.progress.note(&format!("no more rays: {why}"));
                 break;
             }
-            fewer = rays;
+            fewer = Some(rays);
             rays = next;
-            cast.rows = both;
         }
         let solved = best.map(|(solved, _)| solved).unwrap_or_default();
         Ok(Solved {
@@ -202,8 +208,8 @@ struct Cast<'a> {
     close: Close,
     /// How far apart these are at most, in spacings.
     spacings: f32,
-    /// The mean of those that were there before the last.
-    rows: Rows,
+    /// The means of one half of them and of the other.
+    halves: [Rows; 2],
     /// From each surfel, a power of two.
     count: u32,
     seconds: f64,
@@ -216,12 +222,13 @@ impl<'a> Cast<'a> {
             occluders,
             close: Close::none(task.surfels),
             spacings: 0.0,
-            rows: Rows::none(task.surfels.len()),
+            halves: [(); 2].map(|()| Rows::none(task.surfels.len())),
             count,
             seconds: 0.0,
         };
-        cast.widen(2 * count)?;
-        cast.rows = cast.numbers(0..count)?;
+        cast.widen(count)?;
+        let half = count / 2;
+        cast.halves = [cast.numbers(0..half)?, cast.numbers(half..count)?];
         Ok(cast)
     }
 
@@ -231,7 +238,9 @@ impl<'a> Cast<'a> {
         if spacings > self.spacings {
             let task = self.task;
             let close = Close::find(task.surfels, spacings, task.visibility, task.progress)?;
-            self.rows = close.without(&self.rows, task.progress)?;
+            for half in &mut self.halves {
+                *half = close.without(half, task.progress)?;
+            }
             (self.close, self.spacings) = (close, spacings);
         }
         Ok(())
@@ -251,18 +260,16 @@ impl<'a> Cast<'a> {
         Ok(rows)
     }
 
-    /// Casts up to so many rays from each surfel, a power of two: the second half of them, when `rows`
-    /// holds the first.
-    fn up_to(&mut self, rays: u32) -> Result<Rows> {
+    /// Casts up to so many rays from each surfel, a power of two.
+    fn up_to(&mut self, rays: u32) -> Result<()> {
         self.widen(rays)?;
-        loop {
+        while self.count < rays {
             let more = self.numbers(self.count..2 * self.count)?;
+            let [half, other] = &self.halves;
+            self.halves = [links::mean(half, other, self.task.progress)?, more];
             self.count *= 2;
-            if self.count >= rays {
-                return Ok(more);
-            }
-            self.rows = links::mean(&self.rows, &more, self.task.progress)?;
         }
+        Ok(())
     }
 }
 

@@ -77,6 +77,8 @@ pub(super) struct DirectLight {
     pub irradiance: Vec<DVec3>,
     /// The part of it that is not exact: from sky and emitters.
     pub sampled: Vec<DVec3>,
+    /// The part of that from the sky.
+    pub sky: Vec<DVec3>,
 }
 
 /// How an operator made of links solves the equation, on one backend or the other.
@@ -141,7 +143,7 @@ impl Task<'_> {
     }
 
     /// Point lights, sky and emitters, the latter two as accurate as a tolerance needs; the penumbras of
-    /// emitters are smoothed if there is a smoother.
+    /// both are smoothed if there is a smoother.
     pub(super) fn direct_light(
         &self,
         tolerance: f64,
@@ -149,7 +151,8 @@ impl Task<'_> {
         repairs: &mut Vec<String>,
     ) -> Result<DirectLight> {
         let mut irradiance = self.point_lights(repairs)?;
-        let mut sampled = self.sky(tolerance)?;
+        let sky = self.sky(tolerance, smoother)?;
+        let mut sampled = sky.clone();
         let lights = irradiance.iter_mut().zip(&mut sampled);
         for ((light, sampled), emitted) in lights.zip(self.emitted(tolerance, smoother)?) {
             *sampled += emitted;
@@ -158,6 +161,7 @@ impl Task<'_> {
         Ok(DirectLight {
             irradiance,
             sampled,
+            sky,
         })
     }
 
@@ -210,7 +214,7 @@ impl Task<'_> {
         Ok(lit.irradiance)
     }
 
-    fn sky(&self, tolerance: f64) -> Result<Vec<DVec3>> {
+    fn sky(&self, tolerance: f64, smoother: Option<&Smoother>) -> Result<Vec<DVec3>> {
         let sky = self.scene.sky;
         match sky == Vec3::ZERO {
             true => Ok(vec![DVec3::ZERO; self.surfels.len()]),
@@ -220,6 +224,7 @@ impl Task<'_> {
                 tolerance,
                 self.seed,
                 self.visibility,
+                smoother,
                 self.progress,
             ),
         }
@@ -228,7 +233,7 @@ impl Task<'_> {
     /// Point lights and sky.
     fn lights(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {
         let mut irradiance = self.point_lights(repairs)?;
-        for (h, s) in irradiance.iter_mut().zip(self.sky(self.tolerance)?) {
+        for (h, s) in irradiance.iter_mut().zip(self.sky(self.tolerance, None)?) {
             *h += s;
         }
         Ok(irradiance)

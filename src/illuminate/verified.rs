@@ -40,34 +40,47 @@ pub struct Verified {
     pub seconds: f64,
     /// Upper bound of the errors that was asked for.
     pub tolerance: f64,
-    /// Whether both parts' relative L2 errors are within it, with 95% confidence.
+    /// Whether the relative L2 errors of the irradiance and of ambient light are within it, with 95% confidence.
     pub met: bool,
     /// Of the irradiance.
     pub total: Errors,
     /// Relative L2 error by sampled light straight from sky and shining surfels, a part of that.
     pub direct: Interval,
+    /// Relative L2 error of ambient light, which comes from all around: what was reflected before, and
+    /// that of the sky.
+    pub ambient: Interval,
     /// Of the irradiance by light that was reflected before, relative to itself; `None` where there is
     /// none.
     pub reflected: Option<Errors>,
+    /// Root mean square of reflected light, in units of that of ambient light.
+    pub part_reflected: f64,
 }
 
 impl Verified {
-    /// Upper 95% bound of the relative L2 error of both parts.
+    /// Upper 95% bound of the relative L2 errors of all light and of ambient light.
     pub fn bound(&self) -> f64 {
-        let reflected = self.reflected.map_or(0.0, |part| part.rel_l2.high);
-        self.total.rel_l2.high.max(reflected)
+        self.total.rel_l2.high.max(self.ambient.high)
     }
 
-    /// Relative L2 error of that part which has the larger one.
+    /// The larger one of these errors.
     pub(super) fn error(&self) -> f64 {
-        let reflected = self.reflected.map_or(0.0, |part| part.rel_l2.value);
-        self.total.rel_l2.value.max(reflected)
+        self.total.rel_l2.value.max(self.ambient.value)
     }
 
     /// The upper bound, as it is as a rule.
     pub(super) fn likely(&self) -> f64 {
-        let reflected = self.reflected.map_or(0.0, |part| likely(part.rel_l2));
-        likely(self.total.rel_l2).max(reflected)
+        likely(self.total.rel_l2).max(likely(self.ambient))
+    }
+
+    /// Whether it is the lights that are wrong, and with them what is reflected of them.
+    pub(super) fn by_lights(&self) -> bool {
+        self.direct.value > 0.5 * self.total.rel_l2.value
+    }
+
+    /// What the operator adds to the error of ambient light, as a rule.
+    pub(super) fn by_operator(&self) -> f64 {
+        let of_reflected = self.reflected.map_or(0.0, |part| likely(part.one_bounce));
+        self.part_reflected * of_reflected
     }
 
     /// Two independent looks at one solution together: the means of what they found, and half of the
@@ -81,7 +94,9 @@ impl Verified {
             met: false,
             total: self.total.and(&other.total),
             direct: self.direct.and_root(other.direct),
+            ambient: self.ambient.and_root(other.ambient),
             reflected: self.reflected.zip(other.reflected).map(|(a, b)| a.and(&b)),
+            part_reflected: self.part_reflected,
         }
     }
 
@@ -113,8 +128,12 @@ impl fmt::Display for Verified {
             format!("{value:.2}% ({low:.2} to {high:.2})")
         };
         write!(f, "{} in all", percent(self.total.rel_l2))?;
-        if let Some(reflected) = &self.reflected {
-            write!(f, ", {} of reflected light", percent(reflected.rel_l2))?;
+        match &self.reflected {
+            Some(_) if self.part_reflected < 1.0 => {
+                write!(f, ", {} of reflected light and sky", percent(self.ambient))?;
+            }
+            Some(_) => write!(f, ", {} of reflected light", percent(self.ambient))?,
+            None => {}
         }
         let [p95, max] = [self.total.p95.value, self.total.max].map(|x| 100.0 * x);
         write!(
@@ -128,6 +147,6 @@ impl fmt::Display for Verified {
 
 /// Upper bound of an error, as it is as a rule: one point that is far off makes the bound, but not the error,
 /// very large.
-pub(super) fn likely(error: Interval) -> f64 {
+fn likely(error: Interval) -> f64 {
     error.high.min(SPREAD * error.value)
 }

@@ -128,16 +128,13 @@ impl Verifier<'_> {
     /// What is wrong with a light, if this is what it should be.
     fn off(&self, claim: &Claim, i: u32, light: Light, truth: DVec3) -> Off {
         let i = i as usize;
+        let mut off = Off::default();
         match light {
-            Light::Reflected => Off {
-                reflected: claim.irradiance[i] - claim.lights[i] - truth,
-                direct: DVec3::ZERO,
-            },
-            _ => Off {
-                direct: -truth,
-                reflected: DVec3::ZERO,
-            },
+            Light::Reflected => off.reflected = claim.irradiance[i] - claim.lights[i] - truth,
+            Light::Emitted => off.emitted = -truth,
+            Light::Sky => off.sky = -truth,
         }
+        off
     }
 
     fn exactly(&self, claim: &Claim, budget: u64, measured: &mut Measured) -> Result<()> {
@@ -175,7 +172,7 @@ impl Verifier<'_> {
                 })?;
                 measured.segments += (rows.len() as f64 * count) as u64;
                 for (off, sky) in measured.off[half as usize].iter_mut().zip(skies) {
-                    off.direct -= sky;
+                    off.sky -= sky;
                 }
             }
         }
@@ -264,10 +261,7 @@ impl Verifier<'_> {
             let counts = counts(0.5 * AGAIN * left / taken.max(f64::MIN_POSITIVE));
             let found = estimates(&again, &counts, 3)?;
             for &k in &again {
-                measured.best[k] = Off {
-                    direct: claim.sampled[receivers[k] as usize],
-                    reflected: DVec3::ZERO,
-                };
+                measured.best[k] = claim.of_lights(receivers[k]);
             }
             for (&light, found) in lights.iter().zip(found) {
                 for (&k, [a, b]) in again.iter().zip(found) {
@@ -292,8 +286,8 @@ impl Verifier<'_> {
         pilot: &[Vec<[DVec3; 2]>],
     ) -> Vec<Vec<f64>> {
         let level = |light: Light| match light {
-            Light::Reflected => claim.level(Part::Reflected),
-            _ => claim.level(Part::Total),
+            Light::Emitted => claim.level(Part::Total),
+            _ => claim.level(Part::Ambient),
         };
         let mut shares = vec![vec![0.0; surfels.len()]; lights.len()];
         for (relative, part) in [(false, 1.0 - RELATIVE), (true, RELATIVE)] {
@@ -379,7 +373,10 @@ impl Verifier<'_> {
             met: false,
             total: errors(Part::Total),
             direct: self.errors(claim, measured, Part::Direct, None).one_bounce,
+            ambient: errors(Part::Ambient).rel_l2,
             reflected: reflected.then(|| errors(Part::Reflected)),
+            part_reflected: claim.level(Part::Reflected).0
+                / claim.level(Part::Ambient).0.max(f64::MIN_POSITIVE),
             seconds: measured.start.elapsed().as_secs_f64(),
         };
         verified.judge_by(self.tolerance);

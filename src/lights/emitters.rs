@@ -10,7 +10,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
-use super::BATCH;
+use super::{BATCH, noise_of_half, smoothed};
 use crate::error::Result;
 use crate::expansion::{Expansions, NEAR_SPACINGS, Surface, Workspace};
 use crate::octree::{LEAF_SIZE, Octree};
@@ -57,31 +57,15 @@ pub struct Emitted {
     noise: f64,
 }
 
-/// Noises within which neighbours' visible parts are taken for the same (lengths of differences of
-/// three colours).
-const NOISES: f64 = 10.0;
-/// Least variance of a part, relative to that of one half: where few are in the light, none may have
-/// been found.
-const LEAST_VARIANCE: f64 = 0.02;
-
 impl Emitted {
     pub fn irradiance(&self) -> Vec<DVec3> {
         let parts = self.unoccluded.iter().zip(&self.visible);
         parts.map(|(light, part)| *light * *part).collect()
     }
 
-    /// Smooths the noise of penumbras over the surface. Only parts that can be told apart by noise
-    /// alone are smoothed: shadows as sharp as the points show them stay.
+    /// Smooths the noise of penumbras over the surface.
     pub fn smooth(&mut self, smoother: &Smoother) {
-        let limit = |_: usize, a: DVec3, b: DVec3| {
-            let part = ((a + b).element_sum() / 6.0).clamp(0.0, 1.0);
-            let variance = (4.0 * part * (1.0 - part)).max(LEAST_VARIANCE);
-            NOISES * self.noise * variance.sqrt()
-        };
-        self.visible = smoother.smooth(&self.visible, limit);
-        for part in &mut self.visible {
-            *part = part.clamp(DVec3::ZERO, DVec3::ONE);
-        }
+        self.visible = smoothed(&self.visible, self.noise, smoother);
     }
 }
 
@@ -113,7 +97,7 @@ pub fn emitted(
     let [least, most] = SEGMENTS;
     let together = (2 * NEIGHBOURS + 1) as f64 * SHADOW * tolerance;
     let segments = (together.recip() as usize).clamp(least, most);
-    emitted.noise = 0.5 * ((segments + more) as f64).powf(-0.75);
+    emitted.noise = noise_of_half(segments + more);
     progress.stage("emitters", surfels.len() as u64);
     for first in (0..surfels.len()).step_by(BATCH) {
         progress.check()?;

@@ -4,6 +4,7 @@
 
 use super::{Sketch, Stage};
 use crate::illuminate::{Method, RAYS, SPARED};
+use crate::lights::strata;
 use crate::links::open;
 
 /// What the cost follows from.
@@ -143,13 +144,19 @@ impl Job {
         } = self.sketch;
         let limit = LIMIT * left.max(LEAST_LEFT) * curved * hidden.powf(BY_HIDDEN);
         let limit = limit / (self.surfels.max(1) as f64).sqrt();
-        if contrast == 0.0 || limit > LARGEST_LIMIT * self.tolerance {
+        let tolerance = self.of_reflected();
+        if contrast == 0.0 || limit > LARGEST_LIMIT * tolerance {
             return None;
         }
-        let noise = (self.tolerance * self.tolerance - limit * limit).sqrt();
+        let noise = (tolerance * tolerance - limit * limit).sqrt();
         let rays = (NOISE * contrast * left / noise).powf(1.0 / BY_RAYS);
         let rays = rays.max(LEAST_RAYS).log2().round().exp2();
         (rays <= f64::from(*RAYS.end())).then_some(rays as u32)
+    }
+
+    /// The tolerance of reflected light, relative to itself.
+    fn of_reflected(&self) -> f64 {
+        self.tolerance / self.sketch.reflected.max(self.tolerance)
     }
 
     /// Whether bright spots are sampled apart, so that fewer rays do.
@@ -240,9 +247,8 @@ impl Job {
 
     /// Segments a point that its lights take.
     fn lights(&self) -> f64 {
-        let strata = self.tolerance.powf(-2.0 / 3.0).clamp(4.0, 64.0);
         let sky = if self.sketch.sky {
-            strata * strata
+            strata(self.tolerance, true).pow(2) as f64
         } else {
             0.0
         };
@@ -269,7 +275,7 @@ impl Job {
             * bent.powf(curved)
             * (self.surfels as f64 / 2e4).powf(-by_points)
             * contrast.powf(BY_CONTRAST);
-        let ratio = 0.03 / self.tolerance;
+        let ratio = 0.03 / self.of_reflected();
         let [above, below] = BY_TOLERANCE;
         let by_tolerance = ratio.powf(if ratio > 1.0 { below } else { above });
         // More than all pairs there are not.

@@ -39,6 +39,8 @@ pub struct Sketch {
     pub contrast: f64,
     /// Part of that which is left when bright spots are sampled apart.
     pub left: f64,
+    /// Reflected light in units of all that comes from all around, which is that of the sky too.
+    pub reflected: f64,
     /// How much of the surface in sight is curved or rough, 0 to 1: where the normal of a point is not
     /// that of the next one, though there is no edge between them.
     pub curved: f64,
@@ -61,7 +63,7 @@ impl Sketch {
         let mut sketch = look(scene, open, seed).unwrap_or_default();
         if reflected && sketch.contrast == 0.0 {
             // The light was too small to be among the few.
-            (sketch.contrast, sketch.left) = (USUAL_CONTRAST, 1.0);
+            (sketch.contrast, sketch.left, sketch.reflected) = (USUAL_CONTRAST, 1.0, 1.0);
         }
         // What was overlooked are spots.
         let overlooked = overlooked(scene);
@@ -90,15 +92,18 @@ fn look(scene: &Scene, open: bool, seed: u64) -> Result<Sketch> {
     let visibility = tester.as_ref();
     let hidden = hidden(&surfels, visibility, seed)?;
     let mut light = lights::point_lights(&surfels, &scene.lights, visibility, &Silent)?.irradiance;
-    let mut others = vec![lights::emitters(
-        &surfels, TOLERANCE, seed, visibility, &Silent,
-    )?];
-    if scene.sky != Vec3::ZERO {
-        let sky = lights::sky(&surfels, scene.sky, TOLERANCE, seed, visibility, &Silent)?;
-        others.push(sky);
-    }
-    for other in others {
-        light.iter_mut().zip(other).for_each(|(h, more)| *h += more);
+    let emitted = lights::emitters(&surfels, TOLERANCE, seed, visibility, &Silent)?;
+    let sky = match scene.sky == Vec3::ZERO {
+        true => vec![DVec3::ZERO; surfels.len()],
+        false => lights::sky(
+            &surfels, scene.sky, TOLERANCE, seed, visibility, None, &Silent,
+        )?,
+    };
+    for other in [&emitted, &sky] {
+        light
+            .iter_mut()
+            .zip(other)
+            .for_each(|(h, more)| *h += *more);
     }
     let ambient = light.iter().sum::<DVec3>() / light.len() as f64;
     let sent: Vec<DVec3> = (light.iter().zip(&surfels.reflectance))
@@ -110,9 +115,9 @@ fn look(scene: &Scene, open: bool, seed: u64) -> Result<Sketch> {
         .collect();
     let close = Close::none(&surfels);
     let rays = links::gather::<f32>(&surfels, &occluders, &close, 0..RAYS, seed, &Silent)?;
-    // Variance of what rays bring, and the square of the mean.
+    // Variance of what rays bring, and the squares of the mean and of that with the sky.
     let moments = |sent: &[DVec3]| {
-        let (mut variance, mut whole) = (0.0, 0.0);
+        let (mut variance, mut whole, mut ambient) = (0.0, 0.0, 0.0);
         for i in 0..surfels.len() {
             let (mut mean, mut square) = (DVec3::ZERO, 0.0);
             for (j, weight) in rays.row(i) {
@@ -121,11 +126,12 @@ fn look(scene: &Scene, open: bool, seed: u64) -> Result<Sketch> {
             }
             variance += (square - mean.length_squared()).max(0.0);
             whole += mean.length_squared();
+            ambient += (mean + sky[i]).length_squared();
         }
-        [variance, whole]
+        [variance, whole, ambient]
     };
-    let [variance, whole] = moments(&sent);
-    let [left, _] = moments(&of_others);
+    let [variance, whole, ambient] = moments(&sent);
+    let [left, ..] = moments(&of_others);
     Ok(Sketch {
         hidden,
         contrast: match whole > 0.0 {
@@ -134,6 +140,10 @@ fn look(scene: &Scene, open: bool, seed: u64) -> Result<Sketch> {
         },
         left: match variance > 0.0 {
             true => (left / variance).sqrt().min(1.0),
+            false => 1.0,
+        },
+        reflected: match ambient > 0.0 {
+            true => (whole / ambient).sqrt(),
             false => 1.0,
         },
         curved: curved(&surfels),
