@@ -17,13 +17,12 @@ use crate::error::Result;
 use crate::links::{self, Close, Links, Rows};
 use crate::memory;
 use crate::passes::cpu;
+use crate::plan::Plan;
 use crate::smoothing::Smoother;
 use crate::visibility::Occluders;
 
 /// Rays from each surfel that can be asked for.
 pub const RAYS: RangeInclusive<u32> = 2..=1 << 16;
-/// Rays to begin with.
-const FIRST_RAYS: u32 = 16;
 /// The error falls as this power of the number of rays: that of smooth surfaces to begin with, then what was
 /// seen, within these bounds.
 const POWER: [f64; 2] = [0.4, 0.7];
@@ -45,6 +44,29 @@ const STUCK: f64 = 0.9;
 /// An error is known well enough to tell that, if its upper bound is less than this many times as large.
 const KNOWN: f64 = 1.2;
 
+/// What to begin with.
+#[derive(Clone, Copy)]
+pub(super) struct First {
+    /// Rays from each surfel.
+    pub rays: u32,
+    /// Whether bright spots are sampled apart.
+    pub apart: bool,
+    /// Whether that is all that is wanted.
+    pub only: bool,
+}
+
+impl First {
+    /// What a plan expects, or what is asked for.
+    pub fn of(plan: Option<&Plan>, asked: Option<u32>) -> First {
+        let planned = plan.and_then(|plan| plan.rays);
+        First {
+            rays: asked.or(planned).unwrap_or(*RAYS.start()),
+            apart: plan.is_some_and(|plan| plan.spots_apart),
+            only: asked.is_some(),
+        }
+    }
+}
+
 /// Rays that were cast.
 #[derive(Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Rays {
@@ -56,15 +78,15 @@ pub(super) struct Rays {
 
 impl Task<'_> {
     /// Lights per surfel, then rays for what is reflected: more and more of them, until the tolerance
-    /// is met, or they are in vain, or the memory is full; or just as many as are `wanted`.
+    /// is met, or they are in vain, or the memory is full.
     pub fn gather(
         &self,
         occluders: &Occluders,
-        wanted: Option<u32>,
+        first: First,
         repairs: &mut Vec<String>,
         solve: Solve,
     ) -> Result<Solved> {
-        let mut rays = wanted.unwrap_or(FIRST_RAYS).next_power_of_two();
+        let mut rays = first.rays.next_power_of_two();
         let check_memory = |rays| memory::check_rays(self.surfels.len(), rays, memory::available());
         check_memory(rays)?;
         let smoother = Smoother::new(self.surfels, self.visibility, self.progress)?;
@@ -80,7 +102,7 @@ impl Task<'_> {
         let mut start: Option<Vec<DVec3>> = None;
         let mut spots = Spots::of(self.surfels, &direct.irradiance);
         // Whether what these send is sampled apart.
-        let mut apart = wanted.is_some() && self.spares(rays, &spots);
+        let mut apart = first.apart || self.spares(rays, &spots);
         let (mut bright, mut care) = (None::<Bright>, 1.0);
         // So many of the round before, if that had fewer.
         let (mut fewer, mut stuck_before) = (None::<u32>, false);
@@ -142,7 +164,7 @@ impl Task<'_> {
                 ..Solved::default()
             };
             best = Some((solved, verified));
-            let all = rays == *RAYS.end() || wanted.is_some();
+            let all = rays == *RAYS.end() || first.only;
             if verified.met || in_vain || all || !bounced.ended.converged {
                 break;
             }

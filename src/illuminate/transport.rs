@@ -8,6 +8,7 @@ use super::checkpoint::{Checkpoint, Stages, fingerprint};
 use super::geometry::Geometry;
 use super::linked::Linked;
 use super::options::{check, check_scene, tolerance};
+use super::rays::First;
 use super::stats::{Seconds, Stats};
 use super::task::{Solved, Task};
 use super::work::Work;
@@ -366,7 +367,8 @@ impl Transport {
         };
         match (self.method, &self.geometry.occluders) {
             (Method::Gather, Some(occluders)) => {
-                task.gather(occluders, self.options.rays, repairs, &solve)
+                let first = First::of(self.plan.as_ref(), self.options.rays);
+                task.gather(occluders, first, repairs, &solve)
             }
             (Method::Classic, _) => {
                 let test = Thresholds::default().point;

@@ -98,10 +98,11 @@ const EMITTED: f64 = 5.0;
 /// of points, and by the square of their part of all.
 const BY_SHINING: [f64; 2] = [0.25, 0.3];
 /// Upper bound of the error of the reflected light that one ray leaves, in units of the contrast, when what
-/// it brings is smoothed.
+/// it brings is smoothed over 10,000 points or more, and the power of their number by which it falls below.
 const NOISE: f64 = 0.65;
+const BY_SMOOTH: f64 = 0.2;
 /// The noise of rays falls as this power of their number.
-const BY_RAYS: f64 = 0.75;
+pub(super) const BY_RAYS: f64 = 0.75;
 /// What rays without number are off by, in units of 1 / root of the number of points, where all is
 /// curved and hidden, and the power of what is hidden. With spots apart 5% in the cave of 1,750 points, 1.8% in
 /// that of 17,500, 2.6% in organic of 2,000.
@@ -149,7 +150,9 @@ impl Job {
             return None;
         }
         let noise = (tolerance * tolerance - limit * limit).sqrt();
-        let rays = (NOISE * contrast * left / noise).powf(1.0 / BY_RAYS);
+        let of_one =
+            NOISE * (self.surfels as f64 / 1e4).min(1.0).powf(-BY_SMOOTH) * contrast * left;
+        let rays = (of_one / noise).powf(1.0 / BY_RAYS);
         let rays = rays.max(LEAST_RAYS).log2().round().exp2();
         (rays <= f64::from(*RAYS.end())).then_some(rays as u32)
     }
@@ -160,7 +163,7 @@ impl Job {
     }
 
     /// Whether bright spots are sampled apart, so that fewer rays do.
-    fn apart(&self) -> bool {
+    pub fn apart(&self) -> bool {
         let spared = 1.0 - self.sketch.left.powf(1.0 / BY_RAYS);
         let rays = self
             .asked

@@ -12,7 +12,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use self::cost::{Cost, Job};
+use self::cost::{BY_RAYS, Cost, Job};
 pub use self::sketch::Sketch;
 use crate::error::{Error, Result};
 use crate::illuminate::{Backend, Method, Occlusion, Options, check, tolerance};
@@ -41,6 +41,8 @@ pub struct Plan {
     /// Rays from each surfel that are expected, with the method `Gather`: as many are cast as the measured
     /// error asks for.
     pub rays: Option<u32>,
+    /// Whether the light of bright spots is sampled apart from them.
+    pub spots_apart: bool,
     /// Where the passes run: "cpu" or "gpu".
     pub backend: String,
     pub threads: usize,
@@ -80,7 +82,7 @@ pub struct Stage {
 /// Order of the expansions of links whose visibility is sampled: that is what limits their accuracy.
 pub(crate) const ORDER: usize = 1;
 /// Rays that a cost is told for where no number of them would do.
-const MANY_RAYS: u32 = 1024;
+const MANY_RAYS: u32 = 256;
 /// Highest order on the CPU. In f32 rounding leaves nothing to gain beyond.
 const MAX_ORDER: usize = 12;
 
@@ -153,6 +155,7 @@ impl Plan {
             order: expanded(method).then_some(order),
             leaf_size,
             rays: (method == Method::Gather).then_some(rays),
+            spots_apart: method == Method::Gather && job.apart(),
             backend: match backend {
                 Backend::Cpu => "cpu".into(),
                 Backend::Gpu { .. } => "gpu".into(),
@@ -235,6 +238,11 @@ impl Plan {
                     ),
                 ),
             });
+        }
+        if self.spots_apart {
+            let more = job.sketch.left.powf(-1.0 / BY_RAYS);
+            let why = format!("with them it would take {more:.1} times as many rays");
+            choices.push(choice("spots", &"apart", &why));
         }
         choices.push(match job.open {
             true => choice("visibility", &"none", "asked for"),
@@ -334,7 +342,7 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
 /// there: rays count so many times.
 const RAYS_FIRST: f64 = 0.8;
 /// Links may take more rounds than expected, exact sums take one: these count so many times.
-const EXACT_FIRST: f64 = 0.75;
+const EXACT_FIRST: f64 = 0.65;
 
 /// The method that is taken, and why. Who asks for an order wants expansions.
 fn choose(

@@ -22,6 +22,19 @@ pub fn folder() -> TempDir {
     folder
 }
 
+/// Writes a scan with lines `x y z nx ny nz`.
+pub fn write_scan(folder: &TempDir, name: &str, points: &[&str]) {
+    let header: String = ["x", "y", "z", "nx", "ny", "nz"]
+        .map(|name| format!("property float {name}\n"))
+        .concat();
+    let scan = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\n{header}end_header\n{}\n",
+        points.len(),
+        points.join("\n")
+    );
+    fs::write(folder.path().join(name), scan).unwrap();
+}
+
 /// The program in a folder, with arguments that are parted by spaces.
 pub fn command(folder: &Path, args: &str) -> Command {
     let mut command = Command::cargo_bin("fmmgi-gpu").unwrap();
