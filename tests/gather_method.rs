@@ -182,6 +182,27 @@ fn reflected_light_counts_with_the_sky() {
     assert!((said.total.rel_l2.value / said.ambient.value - 1.0).abs() < 1e-6);
 }
 
+/// An object whose normals point inward sees the sky through its holes alone, and is told what to do.
+#[test]
+fn a_sky_seen_from_inside_is_told() {
+    for inside in [true, false] {
+        let mut scene = Scene {
+            cloud: cube(10, 0.5, inside, 1),
+            sky: Vec3::ONE,
+            ..Scene::default()
+        };
+        // A hole.
+        scene.cloud.positions[44] += 0.3 * DVec3::Z;
+        let options = Options {
+            rays: Some(16),
+            ..Options::default()
+        };
+        let repairs = solve(&scene, &options).stats.repairs;
+        let told = |words: &String| words.contains("--normals outward");
+        assert_eq!(repairs.iter().any(told), inside, "{repairs:?}");
+    }
+}
+
 #[test]
 fn threads_change_nothing_and_seeds_do() {
     let scene = scene("cornell", 2000);

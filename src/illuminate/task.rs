@@ -29,6 +29,8 @@ use crate::visibility::{Counted, PointVisibility, Visibility};
 pub(super) const ROUGH_ERROR: f64 = 1.0;
 /// Residual to which the rough links are solved.
 pub(super) const ROUGH_RESIDUAL: f64 = 0.03;
+/// Part of the sky that is seen at least, on average, if not from inside.
+const HARDLY_ANY_SKY: f64 = 0.05;
 /// What f32 can reach.
 const LEAST_RESIDUAL: f64 = 1e-6;
 
@@ -151,7 +153,7 @@ impl Task<'_> {
         repairs: &mut Vec<String>,
     ) -> Result<DirectLight> {
         let mut irradiance = self.point_lights(repairs)?;
-        let sky = self.sky(tolerance, smoother)?;
+        let sky = self.sky(tolerance, smoother, repairs)?;
         let mut sampled = sky.clone();
         let lights = irradiance.iter_mut().zip(&mut sampled);
         for ((light, sampled), emitted) in lights.zip(self.emitted(tolerance, smoother)?) {
@@ -214,26 +216,44 @@ impl Task<'_> {
         Ok(lit.irradiance)
     }
 
-    fn sky(&self, tolerance: f64, smoother: Option<&Smoother>) -> Result<Vec<DVec3>> {
-        let sky = self.scene.sky;
-        match sky == Vec3::ZERO {
-            true => Ok(vec![DVec3::ZERO; self.surfels.len()]),
-            false => lights::sky(
-                self.surfels,
-                sky,
-                tolerance,
-                self.seed,
-                self.visibility,
-                smoother,
-                self.progress,
-            ),
+    fn sky(
+        &self,
+        tolerance: f64,
+        smoother: Option<&Smoother>,
+        repairs: &mut Vec<String>,
+    ) -> Result<Vec<DVec3>> {
+        let (sky, n) = (self.scene.sky, self.surfels.len());
+        if sky == Vec3::ZERO {
+            return Ok(vec![DVec3::ZERO; n]);
         }
+        let irradiance = lights::sky(
+            self.surfels,
+            sky,
+            tolerance,
+            self.seed,
+            self.visibility,
+            smoother,
+            self.progress,
+        )?;
+        let arrives: f64 = irradiance.iter().map(|h| h.element_sum()).sum();
+        let seen = arrives / (n as f64 * f64::from(sky.element_sum()));
+        if seen < HARDLY_ANY_SKY {
+            repairs.push(format!(
+                "{:.1}% of the sky is seen on average: if this is an object, its normals point inward, and \
+                 --normals outward turns them",
+                100.0 * seen
+            ));
+        }
+        Ok(irradiance)
     }
 
     /// Point lights and sky.
     fn lights(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {
         let mut irradiance = self.point_lights(repairs)?;
-        for (h, s) in irradiance.iter_mut().zip(self.sky(self.tolerance, None)?) {
+        for (h, s) in irradiance
+            .iter_mut()
+            .zip(self.sky(self.tolerance, None, repairs)?)
+        {
             *h += s;
         }
         Ok(irradiance)
