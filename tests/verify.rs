@@ -255,6 +255,16 @@ fn spoiled_solutions_are_found_out() {
     assert!(swapped.total.rel_l2.low > 0.05 && swapped.total.max > 1.0);
 }
 
+/// In a small cloud what is within a fine tolerance is known to be: all pairs are summed, where samples leave it
+/// open.
+#[test]
+fn small_clouds_are_known_exactly() {
+    let lit = solve(&scene("organic", 1500), Method::Fmm, 0.003, None);
+    let (stats, error) = (&lit.stats, lit.stats.error.unwrap());
+    println!("{error}");
+    assert!(error.met && error.receivers == stats.surfels);
+}
+
 /// What is said to be met is met: against the dense solution after all bounces.
 #[test]
 fn a_tolerance_that_is_met_is_kept() {
