@@ -181,19 +181,23 @@ impl Task<'_> {
             }
             let [least, most] = POWER;
             let power = fell.map_or(most, |power| power.clamp(least, most));
-            let enough = |wrong: f64| {
-                let more = wrong.powf(1.0 / power).clamp(2.0, MOST_MORE);
+            let enough = |wrong: f64, least: f64| {
+                let more = wrong.powf(1.0 / power).clamp(least, MOST_MORE);
                 let enough = (f64::from(rays) * more) as u32;
                 enough.next_power_of_two().min(*RAYS.end())
             };
-            let newly = !apart && self.spares(enough(wrong), &spots);
+            let newly = !apart && self.spares(enough(wrong, 2.0), &spots);
             apart |= newly;
-            let next = enough(if newly { wrong * spots.left } else { wrong });
+            // Without the noise of spots the same rays may do.
+            let next = match newly {
+                true => enough(wrong * spots.left, 1.0),
+                false => enough(wrong, 2.0),
+            };
             if let Err(why) = check_memory(next) {
                 self.progress.note(&format!("no more rays: {why}"));
                 break;
             }
-            fewer = Some(rays);
+            fewer = (next > rays).then_some(rays);
             rays = next;
         }
         let solved = best.map(|(solved, _)| solved).unwrap_or_default();

@@ -50,7 +50,7 @@ mod seconds {
     pub const SHINING: f64 = 2.5e-4;
     /// A ray and its part in the solution, among 20,000 points; among more by this power of their number,
     /// as fewer of them are in the caches.
-    pub const RAY: [f64; 2] = [8e-7, 1.2e-6];
+    pub const RAY: [f64; 2] = [9e-7, 1.2e-6];
     pub const BY_CACHES: f64 = 0.25;
     /// A pair of exact sums.
     pub const PAIR: [f64; 2] = [1.9e-7, 3.3e-7];
@@ -84,7 +84,7 @@ mod bytes {
 
 /// Segments a point of 20,000 that links take at a tolerance of 0.03 and a contrast of 1: of flat
 /// surfaces, of curved ones, and what of those grows with the fourth power of what is hidden.
-const SEGMENTS: [f64; 3] = [45.0, 80.0, 26_000.0];
+const SEGMENTS: [f64; 3] = [38.0, 80.0, 26_000.0];
 /// They grow as this power of the contrast,
 const BY_CONTRAST: f64 = 0.6;
 /// and fall as this power of the number of points, the less, the more of what is curved is hidden.
@@ -98,9 +98,12 @@ const EMITTED: f64 = 5.0;
 /// of points, and by the square of their part of all.
 const BY_SHINING: [f64; 2] = [0.25, 0.3];
 /// Upper bound of the error of the reflected light that one ray leaves, in units of the contrast, when what
-/// it brings is smoothed over 10,000 points or more, and the power of their number by which it falls below.
+/// it brings is smoothed over 10,000 points, and the powers of their number by which it falls: up to there, and
+/// beyond.
 const NOISE: f64 = 0.65;
-const BY_SMOOTH: f64 = 0.2;
+const BY_SMOOTHING: [f64; 2] = [0.2, 0.1];
+/// The noise of bright spots is not made smooth that well: it counts so many times.
+const SPOTS: f64 = 1.04;
 /// The noise of rays falls as this power of their number.
 pub(super) const BY_RAYS: f64 = 0.75;
 /// What rays without number are off by, in units of 1 / root of the number of points, where all is
@@ -131,27 +134,34 @@ impl Job {
     /// Rays from each surfel that bring the error within the tolerance; `None` where none do: rays see
     /// cells, which stand out from hollows and bumps as points do not.
     pub fn rays(&self) -> Option<u32> {
-        let left = if self.apart() { self.sketch.left } else { 1.0 };
-        self.asked.or_else(|| self.rays_with(left))
+        self.asked.or_else(|| self.rays_for(self.apart()))
     }
 
-    /// The same where a part of the contrast is `left`.
-    fn rays_with(&self, left: f64) -> Option<u32> {
+    /// The same where spots are sampled apart, or not.
+    fn rays_for(&self, apart: bool) -> Option<u32> {
         let Sketch {
             hidden,
             curved,
             contrast,
+            left,
             ..
         } = self.sketch;
-        let limit = LIMIT * left.max(LEAST_LEFT) * curved * hidden.powf(BY_HIDDEN);
+        let limit = LIMIT * curved * hidden.powf(BY_HIDDEN);
+        let limit = limit * if apart { left.max(LEAST_LEFT) } else { 1.0 };
         let limit = limit / (self.surfels.max(1) as f64).sqrt();
         let tolerance = self.of_reflected();
         if contrast == 0.0 || limit > LARGEST_LIMIT * tolerance {
             return None;
         }
         let noise = (tolerance * tolerance - limit * limit).sqrt();
-        let of_one =
-            NOISE * (self.surfels as f64 / 1e4).min(1.0).powf(-BY_SMOOTH) * contrast * left;
+        let points = self.surfels as f64 / 1e4;
+        let [below, above] = BY_SMOOTHING;
+        let smoothed = points.powf(if points < 1.0 { -below } else { -above });
+        let of_spots = match apart {
+            true => 0.0,
+            false => SPOTS * (1.0 - left * left).sqrt(),
+        };
+        let of_one = NOISE * contrast * of_spots.hypot(smoothed * left);
         let rays = (of_one / noise).powf(1.0 / BY_RAYS);
         let rays = rays.max(LEAST_RAYS).log2().round().exp2();
         (rays <= f64::from(*RAYS.end())).then_some(rays as u32)
@@ -167,7 +177,7 @@ impl Job {
         let spared = 1.0 - self.sketch.left.powf(1.0 / BY_RAYS);
         let rays = self
             .asked
-            .or_else(|| self.rays_with(1.0))
+            .or_else(|| self.rays_for(false))
             .unwrap_or(*RAYS.end());
         self.sketch.contrast > 0.0 && f64::from(rays) * spared >= SPARED
     }
