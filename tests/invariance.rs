@@ -38,6 +38,8 @@ fn solve(scene: &Scene, method: Method, occlusion: Occlusion) -> Vec<Vec3> {
         method,
         occlusion,
         seed: 1,
+        // Their number must not hang on rounding.
+        rays: (method == Method::Gather).then_some(128),
         ..Options::default()
     };
     let result = illuminate(scene, &options, Backend::Cpu, &Silent).unwrap();
@@ -121,13 +123,13 @@ fn links_change_within_the_tolerance() {
 const NOISE: f64 = 0.043;
 
 /// In another unit and at another place all rays are the same, but for rounding: a ray that meets
-/// another surfel for it is one of 64. Measured are 5e-6 to 1.4e-3. In other octrees surfels have other rays.
+/// another surfel for it is one of 128. In other octrees surfels have other rays.
 #[test]
 fn rays_change_by_rounding_or_within_the_tolerance() {
     for (what, difference) in differences(Method::Gather, Occlusion::Surfels, 3000) {
         let bound = match what {
             "order" | "rotation" => NOISE,
-            _ => 3e-3,
+            _ => 1e-3,
         };
         assert!(difference < bound, "{what}: {difference:.1e}");
     }
