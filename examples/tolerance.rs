@@ -7,10 +7,12 @@
 //! ```sh
 //! cargo run --release --example tolerance                     # 2,000, 20,000 and 200,000 points
 //! cargo run --release --example tolerance -- 2000 20000       # only these sizes
+//! cargo run --release --example tolerance -- links 20000      # by links, where auto may take rays
 //! cargo run --release --example tolerance -- cave.ply@0,0,2 lion.ply@sky,3,4,5
 //! ```
 //!
-//! A scan is lit by point lights (`@X,Y,Z`), and with `@sky` by the sky.
+//! A scan is lit by point lights (`@X,Y,Z`), and with `@sky` by the sky. The way of each row is the one
+//! that `auto` took.
 
 use std::path::{Path, PathBuf};
 
@@ -38,6 +40,13 @@ fn main() -> Result<()> {
     let mut sizes: Vec<usize> = sizes.iter().filter_map(|a| a.parse().ok()).collect();
     let (tolerances, others): (Vec<String>, Vec<String>) =
         others.into_iter().partition(|a| a.parse::<f64>().is_ok());
+    let (links, others): (Vec<String>, Vec<String>) =
+        others.into_iter().partition(|a| a == "links");
+    let method = if links.is_empty() {
+        Method::Auto
+    } else {
+        Method::Fmm
+    };
     let (scenes, scans): (Vec<String>, Vec<String>) = others
         .into_iter()
         .partition(|a| SCENES.contains(&a.as_str()));
@@ -50,10 +59,10 @@ fn main() -> Result<()> {
         sizes = SIZES.into();
     }
     println!(
-        "| scene | points | asked | met | measured, in all | exact | measured, reflected | exact | \
+        "| scene | points | asked | way | met | measured, in all | exact | measured, reflected | exact | \
          dense: in all, reflected | segments a point | seconds | verified in | model |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for &points in &sizes {
         for name in SCENES {
             if !scenes.is_empty() && !scenes.iter().any(|s| s == name) {
@@ -65,7 +74,12 @@ fn main() -> Result<()> {
                 seed: 1,
                 ..SceneOptions::default()
             };
-            rows(name, &Scene::load(&path, &options, &Silent)?, &tolerances)?;
+            rows(
+                name,
+                &Scene::load(&path, &options, &Silent)?,
+                method,
+                &tolerances,
+            )?;
         }
     }
     for scan in &scans {
@@ -83,13 +97,13 @@ fn main() -> Result<()> {
             }
         }
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
-        rows(&name, &scene, &tolerances)?;
+        rows(&name, &scene, method, &tolerances)?;
     }
     Ok(())
 }
 
 /// A row for each tolerance.
-fn rows(name: &str, scene: &Scene, tolerances: &[f64]) -> Result<()> {
+fn rows(name: &str, scene: &Scene, method: Method, tolerances: &[f64]) -> Result<()> {
     let dense = match scene.cloud.len() <= DENSE {
         true => Some(Dense::solve(scene)?),
         false => None,
@@ -100,7 +114,7 @@ fn rows(name: &str, scene: &Scene, tolerances: &[f64]) -> Result<()> {
             continue;
         }
         let options = Options {
-            method: Method::Fmm,
+            method,
             tolerance: Some(tolerance),
             below_model: true,
             seed: 1,
@@ -109,25 +123,32 @@ fn rows(name: &str, scene: &Scene, tolerances: &[f64]) -> Result<()> {
         let clock = std::time::Instant::now();
         let lit = illuminate(scene, &options, Backend::Cpu, &Silent)?;
         let seconds = clock.elapsed().as_secs_f64();
-        let [total, reflected] = against_exact_sums(&truth, &lit);
+        let [total, reflected] = against_exact_sums(&truth, &lit).map(percent);
         let dense = dense.as_ref().map_or("".into(), |dense| {
             let [total, reflected] = dense.against(&lit).map(percent);
             format!("{total}, {reflected}")
         });
+        // Exact sums have no error that could be measured.
+        let exact = lit.stats.error.is_none();
         let error = lit.stats.error.unwrap_or_default();
         let told = |error: Interval| {
             let [value, low, high] = [error.value, error.low, error.high].map(|x| 100.0 * x);
             format!("{value:.2}% ({low:.2} to {high:.2})")
         };
+        let way = match (lit.stats.method, lit.stats.rays) {
+            (Method::Gather, Some(rays)) => format!("rays, {rays}"),
+            (Method::Direct, _) => "exact sums".into(),
+            _ => "links".into(),
+        };
         println!(
-            "| {name} | {} | {} | {} | {} | {} | {} | {} | {dense} | {} | {seconds:.1} | {:.0}% | {} |",
+            "| {name} | {} | {} | {way} | {} | {} | {} | {} | {} | {dense} | {} | {seconds:.1} | {:.0}% | {} |",
             lit.stats.points,
             percent(tolerance),
-            if error.met { "yes" } else { "no" },
+            if error.met || exact { "yes" } else { "no" },
             told(error.total.rel_l2),
-            percent(total),
+            total,
             error.reflected.map_or("".into(), |r| told(r.rel_l2)),
-            percent(reflected),
+            if exact { "".into() } else { reflected },
             lit.stats.segments / lit.stats.surfels as u64,
             100.0 * lit.stats.seconds.verification / seconds,
             lit.stats.model_error.map_or("".into(), percent),

@@ -49,6 +49,16 @@ fn each_method_is_taken_where_it_wins() {
 }
 
 #[test]
+fn rays_are_tried_where_that_adds_little() {
+    // No number of them is expected to do in either.
+    let large = plan(&scene("cave", 20_000), &options(0.005));
+    assert_eq!((large.method, large.rays), (Method::Gather, Some(64)));
+    assert_eq!(large.instead, Some(Method::Direct), "{large}");
+    let small = plan(&scene("cave", 4000), &options(0.01));
+    assert_eq!((small.method, small.instead), (Method::Direct, None));
+}
+
+#[test]
 fn nothing_is_chosen_that_cannot_do_it() {
     let cave = scene("cave", 20_000);
     let wanted = options(0.1);
@@ -109,21 +119,24 @@ fn a_plan_is_followed() {
 
 /// Rays meet cells where sums take points: in a coarse cave no number of them is good enough.
 #[test]
-fn rays_that_miss_the_tolerance_are_followed_by_links() {
+fn rays_that_miss_the_tolerance_are_followed_by_what_was_planned() {
     let scene = scene("cave", 1500);
     let options = Options {
         below_model: true,
         ..options(0.06)
     };
-    let by_rays = Plan {
-        method: Method::Gather,
-        ..plan(&scene, &options)
-    };
-    let mut transport =
-        Transport::planned(&scene, &options, Backend::Cpu, by_rays, &Silent).unwrap();
-    let stats = transport.illuminate(&scene, &Silent).unwrap().stats;
-    assert_eq!((stats.method, stats.rays), (Method::Fmm, None));
-    assert!(stats.converged && stats.error.unwrap().met);
+    for instead in [Method::Fmm, Method::Direct] {
+        let plan = Plan {
+            method: Method::Gather,
+            instead: Some(instead),
+            ..plan(&scene, &options)
+        };
+        let mut transport =
+            Transport::planned(&scene, &options, Backend::Cpu, plan, &Silent).unwrap();
+        let stats = transport.illuminate(&scene, &Silent).unwrap().stats;
+        assert_eq!((stats.method, stats.rays), (instead, None));
+        assert!(stats.converged && stats.error.is_none_or(|error| error.met));
+    }
 }
 
 #[test]

@@ -22,7 +22,7 @@ pub enum Method {
     /// cells: areas given in the file do not count. The rays are cast on the CPU on every backend.
     Gather,
     /// What is expected to be cheapest of `Direct`, `Gather` and `Fmm`, see [`Plan`](crate::Plan). The
-    /// tolerance is kept: rays that no longer help are followed by links.
+    /// tolerance is kept: rays that no longer help are followed by the cheaper of the others.
     #[default]
     Auto,
 }

@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::links::{Kept, Links, Thresholds};
 use crate::operator::{Fmm, GpuFmm, trial};
 use crate::passes::gpu::{Gpu, GpuPointVisibility, GpuVisibility};
-use crate::plan::{Plan, expanded};
+use crate::plan::{Plan, expanded, named};
 use crate::points::{Openness, Quality, Surfels};
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -269,18 +269,22 @@ impl Transport {
         let (mut method, mut solved) = match self.method {
             Method::Fmm => (Method::Fmm, task.fmm(&mut self.linked, &mut repairs)?),
             method => {
-                let (solved, mended) = stages.next(|| {
-                    let mut mended = Vec::new();
-                    Ok((self.afresh(&task, &mut mended)?, mended))
-                })?;
-                repairs.extend(mended);
-                (method, solved)
+                let solve = |mended: &mut Vec<String>| self.afresh(&task, mended);
+                (method, in_stage(&stages, &mut repairs, solve)?)
             }
         };
-        if solved.in_vain && method == Method::Gather && self.options.method == Method::Auto {
-            progress.note("more rays are in vain: links instead");
+        let instead = self.plan.as_ref().and_then(|plan| plan.instead);
+        if let (true, Some(instead)) = (solved.in_vain, instead) {
+            progress.note(&format!(
+                "more rays are in vain: {} instead",
+                named(instead)
+            ));
             repairs.clone_from(&geometry.repairs);
-            (method, solved) = (Method::Fmm, task.fmm(&mut self.linked, &mut repairs)?);
+            method = instead;
+            solved = match instead {
+                Method::Direct => in_stage(&stages, &mut repairs, |mended| task.direct(mended))?,
+                _ => task.fmm(&mut self.linked, &mut repairs)?,
+            };
         }
         if solved.irradiance.iter().any(|h| !h.as_vec3().is_finite()) {
             return Err(Error::Invalid(
@@ -386,6 +390,20 @@ impl Transport {
             _ => task.direct(repairs),
         }
     }
+}
+
+/// A solution that is one stage, and what it mended.
+fn in_stage(
+    stages: &Stages,
+    repairs: &mut Vec<String>,
+    solve: impl FnOnce(&mut Vec<String>) -> Result<Solved>,
+) -> Result<Solved> {
+    let (solved, mended) = stages.next(|| {
+        let mut mended = Vec::new();
+        Ok((solve(&mut mended)?, mended))
+    })?;
+    repairs.extend(mended);
+    Ok(solved)
 }
 
 impl Device {

@@ -41,6 +41,8 @@ pub struct Plan {
     /// Rays from each surfel that are expected, with the method `Gather`: as many are cast as the measured
     /// error asks for.
     pub rays: Option<u32>,
+    /// What follows rays that turn out to be in vain, if the choice is ours.
+    pub instead: Option<Method>,
     /// Whether the light of bright spots is sampled apart from them.
     pub spots_apart: bool,
     /// Where the passes run: "cpu" or "gpu".
@@ -81,8 +83,9 @@ pub struct Stage {
 
 /// Order of the expansions of links whose visibility is sampled: that is what limits their accuracy.
 pub(crate) const ORDER: usize = 1;
-/// Rays that a cost is told for where no number of them would do.
+/// Rays that a cost is told for where no number of them is expected to do, and with how many to begin there.
 const MANY_RAYS: u32 = 256;
+const TRIED_RAYS: u32 = 64;
 /// Highest order on the CPU. In f32 rounding leaves nothing to gain beyond.
 const MAX_ORDER: usize = 12;
 
@@ -143,7 +146,7 @@ impl Plan {
             asked: options.rays.map(u32::next_power_of_two),
             sketch,
         };
-        let (method, why) = choose(options, backend, &job, free, many);
+        let (method, instead, why) = choose(options, backend, &job, free, many);
         let (order, leaf_size) = expansions(options, method, tolerance, surfels, backend)?;
         let rays = job.rays().unwrap_or(MANY_RAYS);
         let cost = job.cost(method, rays);
@@ -154,7 +157,8 @@ impl Plan {
             tolerance,
             order: expanded(method).then_some(order),
             leaf_size,
-            rays: (method == Method::Gather).then_some(rays),
+            rays: (method == Method::Gather).then_some(job.rays().unwrap_or(TRIED_RAYS)),
+            instead,
             spots_apart: method == Method::Gather && job.apart(),
             backend: match backend {
                 Backend::Cpu => "cpu".into(),
@@ -341,35 +345,35 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
 /// Links of rough scans take longer than expected, and more rays than expected add to those that are
 /// there: rays count so many times.
 const RAYS_FIRST: f64 = 0.8;
+/// Rays that are not expected to do count so many times: they may do all the same, and are tried where that
+/// adds little to what else it takes.
+const RAYS_TRIED: f64 = 7.0;
 /// Links may take more rounds than expected, exact sums take one: these count so many times.
 const EXACT_FIRST: f64 = 0.65;
 
-/// The method that is taken, and why. Who asks for an order wants expansions.
+/// The method that is taken, what follows rays in vain, and why. Who asks for an order wants expansions.
 fn choose(
     options: &Options,
     backend: &Backend,
     job: &Job,
     free: Option<u64>,
     many: bool,
-) -> (Method, String) {
+) -> (Method, Option<Method>, String) {
     if options.method != Method::Auto {
-        return (options.method, "asked for".into());
+        return (options.method, None, "asked for".into());
     }
     if options.order.is_some() {
-        return (Method::Fmm, "an order belongs to expansions".into());
+        return (Method::Fmm, None, "an order belongs to expansions".into());
     }
     if matches!(backend, Backend::Gpu { .. }) {
         let why = "on a device; the other methods work on the CPU";
-        return (Method::Fmm, why.into());
+        return (Method::Fmm, None, why.into());
     }
     let mut candidates = vec![(Method::Direct, 0), (Method::Fmm, 0)];
     let bounces = options.max_bounces != Some(0);
-    if let Some(rays) = job.rays()
-        && !many
-        && !job.open
-        && bounces
-    {
-        candidates.push((Method::Gather, rays));
+    let expected = job.rays();
+    if job.sketch.contrast > 0.0 && !many && !job.open && bounces {
+        candidates.push((Method::Gather, expected.unwrap_or(MANY_RAYS)));
     }
     let mut costs: Vec<(Method, Cost)> = (candidates.into_iter())
         .map(|(method, rays)| (method, job.cost(method, rays)))
@@ -378,6 +382,7 @@ fn choose(
     let order = |(method, cost): &(Method, Cost)| {
         let too_large = free.is_some_and(|free| cost.bytes() > free);
         let weight = match method {
+            Method::Gather if expected.is_none() => RAYS_TRIED,
             Method::Gather => RAYS_FIRST,
             Method::Direct => EXACT_FIRST,
             _ => 1.0,
@@ -390,15 +395,25 @@ fn choose(
     });
     let told: Vec<String> = (costs.iter())
         .map(|(method, cost)| {
-            let name = match method {
-                Method::Direct => "exact sums",
-                Method::Gather => "rays",
-                _ => "links",
+            let hope = match method {
+                Method::Gather if expected.is_none() => ", if they do,",
+                _ => "",
             };
-            format!("{name} {:.2} s", cost.seconds())
+            format!("{}{hope} {:.2} s", named(*method), cost.seconds())
         })
         .collect();
-    (costs[0].0, format!("expected are {}", told.join(", ")))
+    let method = costs[0].0;
+    let instead = (method == Method::Gather).then_some(costs[1].0);
+    (method, instead, format!("expected are {}", told.join(", ")))
+}
+
+/// What a method that `auto` may take works with.
+pub(crate) fn named(method: Method) -> &'static str {
+    match method {
+        Method::Direct => "exact sums",
+        Method::Gather => "rays",
+        _ => "links",
+    }
 }
 
 /// Largest order of the expansions, and the size of the leaves for it.
