@@ -81,7 +81,7 @@ impl Task<'_> {
         let stages = self.stages;
         let (mut direct, mended) = stages.next(|| {
             let mut mended = Vec::new();
-            let direct = self.direct_light(effort.lights, smoother, &mut mended)?;
+            let direct = self.direct_light(effort.lights, None, smoother, &mut mended)?;
             Ok((direct, mended))
         })?;
         repairs.extend(mended);
@@ -167,8 +167,10 @@ impl Task<'_> {
             effort = effort.refined(&verified, &history, self.visibility.is_open());
             before = found;
             if effort.lights < last.lights {
-                direct =
-                    stages.next(|| self.direct_light(effort.lights, smoother, &mut Vec::new()))?;
+                direct = stages.next(|| {
+                    let seen = Some(direct.seen.clone());
+                    self.direct_light(effort.lights, seen, smoother, &mut Vec::new())
+                })?;
             }
         }
         Ok(Solved {

@@ -91,7 +91,7 @@ impl Task<'_> {
         check_memory(rays)?;
         let smoother = Smoother::new(self.surfels, self.visibility, self.progress)?;
         let mut lights = self.tolerance;
-        let mut direct = self.direct_light(lights, Some(&smoother), repairs)?;
+        let mut direct = self.direct_light(lights, None, Some(&smoother), repairs)?;
         let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
         let dark = direct.irradiance.iter().all(|h| *h == DVec3::ZERO);
         if black || dark || self.max_bounces == Some(0) {
@@ -171,7 +171,8 @@ impl Task<'_> {
             let mut wrong = verified.likely() / (AIM * verified.tolerance);
             if verified.by_lights() && lights > FINEST_LIGHTS {
                 lights *= finer_lights(wrong);
-                direct = self.direct_light(lights, Some(&smoother), &mut Vec::new())?;
+                direct =
+                    self.direct_light(lights, Some(direct.seen), Some(&smoother), &mut Vec::new())?;
                 (spots, bright) = (Spots::of(self.surfels, &direct.irradiance), None);
                 wrong = verified.by_operator() / (AIM * verified.tolerance);
                 if wrong <= 1.0 {

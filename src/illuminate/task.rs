@@ -13,7 +13,7 @@ use super::rays::Rays;
 use super::verified::Verified;
 use super::work::{Bounced, Work};
 use crate::error::Result;
-use crate::lights;
+use crate::lights::{self, SkySeen};
 use crate::links::{self, Accuracy, CLAMPED, Links, States, Thresholds};
 use crate::octree::Octree;
 use crate::operator::{Direct, Fields, Fmm, TransportOperator};
@@ -79,8 +79,9 @@ pub(super) struct DirectLight {
     pub irradiance: Vec<DVec3>,
     /// The part of it that is not exact: from sky and emitters.
     pub sampled: Vec<DVec3>,
-    /// The part of that from the sky.
+    /// The part of that from the sky, and how much of it is seen.
     pub sky: Vec<DVec3>,
+    pub seen: SkySeen,
 }
 
 /// How an operator made of links solves the equation, on one backend or the other.
@@ -145,15 +146,17 @@ impl Task<'_> {
     }
 
     /// Point lights, sky and emitters, the latter two as accurate as a tolerance needs; the penumbras of
-    /// both are smoothed if there is a smoother.
+    /// both are smoothed if there is a smoother. What was `seen` of the sky before counts.
     pub(super) fn direct_light(
         &self,
         tolerance: f64,
+        seen: Option<SkySeen>,
         smoother: Option<&Smoother>,
         repairs: &mut Vec<String>,
     ) -> Result<DirectLight> {
         let mut irradiance = self.point_lights(repairs)?;
-        let sky = self.sky(tolerance, smoother, repairs)?;
+        let mut seen = seen.unwrap_or_else(|| SkySeen::none(self.surfels));
+        let sky = self.sky(&mut seen, tolerance, smoother, repairs)?;
         let mut sampled = sky.clone();
         let lights = irradiance.iter_mut().zip(&mut sampled);
         for ((light, sampled), emitted) in lights.zip(self.emitted(tolerance, smoother)?) {
@@ -164,6 +167,7 @@ impl Task<'_> {
             irradiance,
             sampled,
             sky,
+            seen,
         })
     }
 
@@ -218,6 +222,7 @@ impl Task<'_> {
 
     fn sky(
         &self,
+        seen: &mut SkySeen,
         tolerance: f64,
         smoother: Option<&Smoother>,
         repairs: &mut Vec<String>,
@@ -226,15 +231,15 @@ impl Task<'_> {
         if sky == Vec3::ZERO {
             return Ok(vec![DVec3::ZERO; n]);
         }
-        let irradiance = lights::sky(
+        seen.look(
             self.surfels,
-            sky,
             tolerance,
+            smoother.is_some(),
             self.seed,
             self.visibility,
-            smoother,
             self.progress,
         )?;
+        let irradiance = seen.irradiance(sky, smoother);
         let arrives: f64 = irradiance.iter().map(|h| h.element_sum()).sum();
         let seen = arrives / (n as f64 * f64::from(sky.element_sum()));
         if seen < HARDLY_ANY_SKY {
@@ -250,12 +255,9 @@ impl Task<'_> {
     /// Point lights and sky.
     fn lights(&self, repairs: &mut Vec<String>) -> Result<Vec<DVec3>> {
         let mut irradiance = self.point_lights(repairs)?;
-        for (h, s) in irradiance
-            .iter_mut()
-            .zip(self.sky(self.tolerance, None, repairs)?)
-        {
-            *h += s;
-        }
+        let mut seen = SkySeen::none(self.surfels);
+        let sky = self.sky(&mut seen, self.tolerance, None, repairs)?;
+        irradiance.iter_mut().zip(sky).for_each(|(h, s)| *h += s);
         Ok(irradiance)
     }
 

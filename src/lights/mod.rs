@@ -8,7 +8,7 @@ mod sky;
 pub use emitters::{EXPANSIONS, Emitted, emitted, emitters};
 pub use points::{Illuminated, point_lights};
 pub use sky::sky;
-pub(crate) use sky::{strata, visible_sky};
+pub(crate) use sky::{SkySeen, strata, visible_sky};
 
 use glam::DVec3;
 
