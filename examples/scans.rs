@@ -37,7 +37,12 @@ const ABOVE: f64 = 0.1;
 fn main() -> Result<()> {
     let mut args: Vec<OsString> = std::env::args_os().skip(1).collect();
     if args.first().is_some_and(|first| first == ONE) {
-        return row(Path::new(&args[1]), args.get(2).map(Path::new));
+        // In words, which the table takes over.
+        if let Err(e) = row(Path::new(&args[1]), args.get(2).map(Path::new)) {
+            eprintln!("{e}");
+            std::process::exit(1);
+        }
+        return Ok(());
     }
     let folder = args.iter().position(|arg| arg == "-o").and_then(|k| {
         let folder = (k + 1 < args.len()).then(|| PathBuf::from(args.remove(k + 1)));

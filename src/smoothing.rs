@@ -9,6 +9,7 @@
 //! "Bayesian image analysis", 1985): shadows keep their edges.
 
 use std::collections::HashSet;
+use std::sync::Arc;
 
 use glam::{DMat2, DVec2, DVec3};
 use rayon::prelude::*;
@@ -35,28 +36,32 @@ const BATCH: usize = 1 << 16;
 /// moments to the square of the trace.
 const FLAT: f64 = 1e-3;
 
-/// Who is next to whom on the surface.
+/// Smooths over the surface.
 pub struct Smoother<'a> {
     surfels: &'a Surfels,
+    around: Arc<Surroundings>,
+}
+
+/// Who is next to whom on the surface.
+pub(crate) struct Surroundings {
     /// Neighbours of each surfel; unused places hold the surfel itself.
     neighbours: Vec<[u32; NEIGHBOURS]>,
     /// Distance of the farthest of its nearest neighbours, on whatever surface.
     reach: Vec<f32>,
 }
 
-impl<'a> Smoother<'a> {
+impl Surroundings {
     /// Neighbours are on the same smooth surface and see each other: no crease and no wall is between
     /// them.
-    pub fn new(
-        surfels: &'a Surfels,
+    pub fn find(
+        surfels: &Surfels,
         visibility: &dyn Visibility,
         progress: &dyn Progress,
-    ) -> Result<Self> {
+    ) -> Result<Surroundings> {
         let n = surfels.len();
         progress.stage("neighbours", n as u64);
         let tree = Neighbours::new(&surfels.positions)?;
-        let mut smoother = Smoother {
-            surfels,
+        let mut around = Surroundings {
             neighbours: Vec::with_capacity(n),
             reach: Vec::with_capacity(n),
         };
@@ -71,20 +76,20 @@ impl<'a> Smoother<'a> {
                     let mut last = Last::default();
                     let find = |i: usize| {
                         tree.next_nearest(i, NEIGHBOURS, &mut last, near);
-                        smoother.find(i, near)
+                        on_one_surface(surfels, i, near)
                     };
                     run.map(find).collect::<Vec<_>>()
                 })
                 .collect();
             for (neighbours, reach, one_surface) in found.into_iter().flatten() {
-                smoother.neighbours.push(neighbours);
-                smoother.reach.push(reach);
+                around.neighbours.push(neighbours);
+                around.reach.push(reach);
                 alone.push(one_surface);
             }
         }
-        let walls = smoother.walls(&alone, visibility, progress)?;
+        let walls = around.walls(surfels, &alone, visibility, progress)?;
         if !walls.is_empty() {
-            let lists = smoother.neighbours.par_iter_mut().enumerate();
+            let lists = around.neighbours.par_iter_mut().enumerate();
             lists.for_each(|(i, list)| {
                 for j in list {
                     let pair = (i.min(*j as usize), i.max(*j as usize));
@@ -94,37 +99,13 @@ impl<'a> Smoother<'a> {
                 }
             });
         }
-        Ok(smoother)
-    }
-
-    /// The neighbours of a surfel on its surface among the `nearest`, how far these are, and whether
-    /// there are no others.
-    fn find(&self, i: usize, nearest: &[(u32, DVec3)]) -> ([u32; NEIGHBOURS], f32, bool) {
-        let mut list = [i as u32; NEIGHBOURS];
-        let same = |&&(j, _): &&(u32, DVec3)| self.on_one_surface(i, j as usize);
-        let on_it = nearest.iter().filter(same).map(|&(j, _)| j);
-        let mut count = 0;
-        for (place, j) in list.iter_mut().zip(on_it) {
-            *place = j;
-            count += 1;
-        }
-        let reach = nearest
-            .last()
-            .map_or(0.0, |(_, offset)| offset.length() as f32);
-        (list, reach, count == nearest.len())
-    }
-
-    fn on_one_surface(&self, i: usize, j: usize) -> bool {
-        let s = self.surfels;
-        let way = s.positions[j] - s.positions[i];
-        let most = SLOPE * way.length();
-        let rises = |k: usize| s.normals[k].dot(way).abs() > most;
-        s.normals[i].dot(s.normals[j]) > CREASE && !rises(i) && !rises(j)
+        Ok(around)
     }
 
     /// Pairs of neighbours with a wall between them: only those with other surfaces around are tested.
     fn walls(
         &self,
+        surfels: &Surfels,
         alone: &[bool],
         visibility: &dyn Visibility,
         progress: &dyn Progress,
@@ -141,13 +122,55 @@ impl<'a> Smoother<'a> {
                 })
             };
             let pairs: Vec<(usize, usize)> = batch.par_iter().flat_map_iter(in_doubt).collect();
-            let segment = |&(i, j): &(usize, usize)| self.surfels.segment(i, j);
+            let segment = |&(i, j): &(usize, usize)| surfels.segment(i, j);
             let segments: Vec<Segment> = pairs.iter().map(segment).collect();
             let visible = visibility.visible(&segments)?;
             let hidden = pairs.into_iter().zip(visible).filter(|&(_, seen)| !seen);
             walls.extend(hidden.map(|(pair, _)| pair));
         }
         Ok(walls)
+    }
+}
+
+/// The neighbours of a surfel on its surface among the `nearest`, how far these are, and whether
+/// there are no others.
+fn on_one_surface(
+    s: &Surfels,
+    i: usize,
+    nearest: &[(u32, DVec3)],
+) -> ([u32; NEIGHBOURS], f32, bool) {
+    let mut list = [i as u32; NEIGHBOURS];
+    let same = |j: usize| {
+        let way = s.positions[j] - s.positions[i];
+        let most = SLOPE * way.length();
+        let rises = |k: usize| s.normals[k].dot(way).abs() > most;
+        s.normals[i].dot(s.normals[j]) > CREASE && !rises(i) && !rises(j)
+    };
+    let mut count = 0;
+    for &(j, _) in nearest.iter().filter(|(j, _)| same(*j as usize)) {
+        list[count] = j;
+        count += 1;
+    }
+    let reach = nearest
+        .last()
+        .map_or(0.0, |(_, offset)| offset.length() as f32);
+    (list, reach, count == nearest.len())
+}
+
+impl<'a> Smoother<'a> {
+    /// Finds out who is next to whom.
+    pub fn new(
+        surfels: &'a Surfels,
+        visibility: &dyn Visibility,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let around = Surroundings::find(surfels, visibility, progress)?;
+        Ok(Smoother::among(surfels, Arc::new(around)))
+    }
+
+    /// The same where that is known.
+    pub(crate) fn among(surfels: &'a Surfels, around: Arc<Surroundings>) -> Self {
+        Smoother { surfels, around }
     }
 
     /// The values smoothed. `limit(i, a, b)` is the difference between the values a and b of surfel i
@@ -177,17 +200,18 @@ impl<'a> Smoother<'a> {
         limit: &impl Fn(usize, DVec3, DVec3) -> f64,
     ) -> DVec3 {
         // In full light and in full shadow there is nothing to do.
+        let (neighbours, reach) = (self.around.neighbours[i], &self.around.reach);
         let same = |j: u32| values[j as usize] == values[i];
-        if self.neighbours[i].into_iter().all(same) {
+        if neighbours.into_iter().all(same) {
             return DVec3::ZERO;
         }
         let s = self.surfels;
         let (normal, tangent) = (s.normals[i], s.cells.tangents[i]);
         let bitangent = normal.cross(tangent);
         let mut fit = Fit::new(s.areas[i].into());
-        for j in self.neighbours[i].into_iter().map(|j| j as usize) {
+        for j in neighbours.into_iter().map(|j| j as usize) {
             let way = s.positions[j] - s.positions[i];
-            let reach = self.reach[i].min(self.reach[j]);
+            let reach = reach[i].min(reach[j]);
             let near = 1.0 - f64::from(way.length_squared() / (reach * reach));
             if j == i || near <= 0.0 {
                 continue;

@@ -16,7 +16,6 @@ use super::work::{Bounced, Work};
 use crate::error::{Error, Result};
 use crate::links::{Links, SLACK};
 use crate::operator::Fmm;
-use crate::smoothing::Smoother;
 use crate::solve::Stop;
 use crate::visibility::Visibility;
 
@@ -71,11 +70,11 @@ impl Task<'_> {
             },
             lights: self.tolerance,
         };
-        let (surfels, visibility, progress) = (self.surfels, self.visibility, self.progress);
+        let (surfels, visibility) = (self.surfels, self.visibility);
         // What nothing can be in the way of is not sampled.
         let smoother = match visibility.is_open() {
             true => None,
-            false => Some(Smoother::new(surfels, visibility, progress)?),
+            false => Some(linked.smoother(self)?),
         };
         let smoother = smoother.as_ref();
         let stages = self.stages;

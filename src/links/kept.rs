@@ -4,6 +4,7 @@
 //! source, in units of the error that is allowed at its target ([`Accuracy::demand`]). A link that was
 //! made for some demand is good for every light that demands no more of it; others are opened again.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::build::build_from;
@@ -130,20 +131,21 @@ fn take_out(
     demands: &mut Vec<f32>,
     opened: &mut Vec<[u32; 2]>,
     slack: f32,
-    demand: impl Fn([u32; 2]) -> f32,
+    demand: impl Fn([u32; 2]) -> f32 + Sync,
 ) {
     let pairs: Vec<[u32; 2]> = rows
         .targets()
         .zip(&rows.sources)
         .map(|(t, &s)| [t, s])
         .collect();
-    let stays = |k: usize| demand(pairs[k]) <= slack * demands[k];
-    let before = opened.len();
-    opened.extend((0..pairs.len()).filter(|&k| !stays(k)).map(|k| pairs[k]));
-    if opened.len() == before {
+    let stays: Vec<bool> = (pairs.par_iter().zip(&*demands))
+        .map(|(&pair, &made_for)| demand(pair) <= slack * made_for)
+        .collect();
+    let (staying, leaving): (Vec<usize>, Vec<usize>) = (0..pairs.len()).partition(|&k| stays[k]);
+    if leaving.is_empty() {
         return;
     }
-    let staying: Vec<usize> = (0..pairs.len()).filter(|&k| stays(k)).collect();
+    opened.extend(leaving.into_iter().map(|k| pairs[k]));
     let mut offsets = vec![0; rows.offsets.len()];
     staying
         .iter()

@@ -26,6 +26,10 @@ const ENOUGH: f64 = 0.75;
 /// Points that may stick out of an edge of the frame, one in so many: a stray must not shrink the
 /// rest.
 const STRAYS: usize = 500;
+/// Least length of the mean normal of a cloud that has a front, and cosine between up and one that faces up
+/// or down.
+const FRONT: f64 = 0.3;
+const STEEP: f64 = 0.8;
 /// Points that frame and clearance are taken from.
 const FRAMED: usize = 1 << 16;
 
@@ -247,13 +251,21 @@ fn inside(sight: &Sight, extent: DVec3, size: f64) -> Result<Option<Camera>> {
 fn outside(sight: &Sight, positions: &[DVec3], size: f64, aspect: f64) -> Result<Camera> {
     let up = up_of_open(sight.surfels);
     // In order of liking: right and left of the front (-y when z is up, +z when y is), the back,
-    // the sides; then from well above, for rooms without a ceiling.
+    // the sides; then from well above, for rooms without a ceiling; last from where the normals point, for
+    // what was seen from one place.
+    let front = mean_normal(sight.surfels);
+    let steep = front.dot(up).abs() > STEEP * front.length();
+    let opposite = (front.length() > FRONT).then(|| {
+        let across = if steep { turn(up, 0.0, 0.0) } else { up };
+        framed(positions, -front.normalize(), across, size, aspect)
+    });
     let cameras = [-20.0, -50.0]
         .into_iter()
         .flat_map(|pitch| {
             [35.0, -35.0, 145.0, -145.0, 0.0, 180.0, 90.0, -90.0]
                 .map(|azimuth| framed(positions, turn(up, azimuth, pitch), up, size, aspect))
         })
+        .chain(opposite)
         .collect::<Result<Vec<_>>>()?;
     let places: Vec<Vec3> = cameras.iter().map(|c| c.position.as_vec3()).collect();
     let seen = sight.seen(&places)?;
@@ -271,10 +283,15 @@ fn outside(sight: &Sight, positions: &[DVec3], size: f64, aspect: f64) -> Result
     Ok(cameras[first])
 }
 
-fn up_of_open(surfels: &Surfels) -> DVec3 {
+/// Weighted by area; of length 1 for a plane, 0 where the surface is closed.
+fn mean_normal(surfels: &Surfels) -> DVec3 {
     let areas = surfels.normals.iter().zip(&surfels.areas);
     let sum: DVec3 = areas.map(|(n, &a)| n.as_dvec3() * f64::from(a)).sum();
-    let mean = sum / surfels.areas.iter().map(|&a| f64::from(a)).sum::<f64>();
+    sum / surfels.areas.iter().map(|&a| f64::from(a)).sum::<f64>()
+}
+
+fn up_of_open(surfels: &Surfels) -> DVec3 {
+    let mean = mean_normal(surfels);
     // A wall has a mean normal near 1 in length, which tells its front and nothing about up.
     let underside = mean.y > 0.02 && mean.y > 3.0 * mean.z.abs() && mean.length() < 0.5;
     if underside { DVec3::Y } else { DVec3::Z }
