@@ -10,7 +10,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
-use super::{BATCH, noise_of_half, smoothed};
+use super::{noise_of_half, smoothed};
 use crate::error::Result;
 use crate::expansion::{Expansions, NEAR_SPACINGS, Surface, Workspace};
 use crate::octree::{LEAF_SIZE, Octree};
@@ -69,6 +69,9 @@ impl Emitted {
     }
 }
 
+/// Surfels that are lit in one batch: each holds up to some thousand clusters.
+pub(crate) const RECEIVERS: usize = 1 << 11;
+
 /// Finds the light from the surfels' emission. Expansions may be off by so many tolerances at worst; as a
 /// rule it is a tenth of that.
 pub fn emitted(
@@ -99,9 +102,9 @@ pub fn emitted(
     let segments = (together.recip() as usize).clamp(least, most);
     emitted.noise = noise_of_half(segments + more);
     progress.stage("emitters", surfels.len() as u64);
-    for first in (0..surfels.len()).step_by(BATCH) {
+    for first in (0..surfels.len()).step_by(RECEIVERS) {
         progress.check()?;
-        let batch = first..(first + BATCH).min(surfels.len());
+        let batch = first..(first + RECEIVERS).min(surfels.len());
         let mut receivers: Vec<Receiver> = batch
             .clone()
             .into_par_iter()

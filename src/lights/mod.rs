@@ -5,6 +5,7 @@ mod emitters;
 mod points;
 mod sky;
 
+pub(crate) use emitters::RECEIVERS;
 pub use emitters::{EXPANSIONS, Emitted, emitted, emitters};
 pub use points::{Illuminated, point_lights};
 pub use sky::sky;

@@ -4,7 +4,7 @@
 
 use super::{Sketch, Stage};
 use crate::illuminate::{Method, RAYS, SPARED};
-use crate::lights::strata;
+use crate::lights::{RECEIVERS, strata};
 use crate::links::open;
 
 /// What the cost follows from.
@@ -35,6 +35,8 @@ mod seconds {
     pub const NORMAL: f64 = 1e-5;
     /// A point that is prepared: neighbours, cell, noise.
     pub const PREPARE: f64 = 1.2e-5;
+    /// A point that is thinned out.
+    pub const THINNED: f64 = 4e-6;
     /// A point in the octree and among what is in the way.
     pub const OCTREE: f64 = 3e-6;
     /// A segment that lights take.
@@ -63,8 +65,9 @@ mod seconds {
 mod bytes {
     /// What the process has in any case.
     pub const LEAST: f64 = 10e6;
-    /// A point while its cell is made, then the surfel.
+    /// A point while its cell is made, then the surfel; one that is thinned out.
     pub const PREPARE: f64 = 900.0;
+    pub const THINNED: f64 = 120.0;
     /// A point in the octree and among what is in the way.
     pub const OCTREE: f64 = 240.0;
     /// A point whose light is smoothed, and a segment that links took, on average: most make none.
@@ -185,6 +188,7 @@ impl Job {
     /// What a method takes.
     pub fn cost(&self, method: Method, rays: u32) -> Cost {
         let (points, n) = (self.points as f64, self.surfels as f64);
+        let thinned = points - n;
         let hollow = self.sketch.curved * self.sketch.hidden;
         let between = |[flat, all]: [f64; 2]| flat + (all - flat) * hollow;
         let lights = n * self.lights();
@@ -239,14 +243,14 @@ impl Job {
         let mut stages = vec![
             stage(
                 "prepare",
-                points * seconds::PREPARE,
-                bytes::LEAST + points * bytes::PREPARE,
+                n * seconds::PREPARE + thinned * seconds::THINNED,
+                bytes::LEAST + n * bytes::PREPARE + thinned * bytes::THINNED,
             ),
             stage("octree", n * seconds::OCTREE, n * bytes::OCTREE),
             stage(
                 "lights",
                 lights * segment + shining * clusters * seconds::SHINING,
-                shining * bytes::SHINING,
+                shining.min(RECEIVERS as f64) * clusters * bytes::SHINING,
             ),
             stage("links", work, held),
             stage("smoothing", smoothed * smooth, smoothed * bytes::SMOOTH),
