@@ -70,7 +70,7 @@ impl Emitted {
 }
 
 /// Surfels that are lit in one batch: each holds up to some thousand clusters.
-pub(crate) const RECEIVERS: usize = 1 << 11;
+pub(crate) const RECEIVERS: usize = 1 << 12;
 
 /// Finds the light from the surfels' emission. Expansions may be off by so many tolerances at worst; as a
 /// rule it is a tenth of that.
@@ -132,12 +132,18 @@ pub fn emitted(
                         .map(|d| surfels.segment(r.index, d.emitter as usize))
                 })
                 .collect();
-            let mut visible = visibility.visible(&segments)?.into_iter();
-            for (r, drawn) in receivers.iter_mut().zip(&drawn) {
-                for (d, seen) in drawn.iter().zip(visible.by_ref()) {
-                    r.count(d, seen);
-                }
-            }
+            let visible = visibility.visible(&segments)?;
+            let mut rest = visible.as_slice();
+            let of_each: Vec<&[bool]> = (drawn.iter())
+                .map(|drawn| rest.split_off(..drawn.len()).unwrap_or_default())
+                .collect();
+            let answered = receivers.par_iter_mut().zip(&drawn).zip(of_each);
+            answered.for_each(|((r, drawn), seen)| {
+                drawn
+                    .iter()
+                    .zip(seen)
+                    .for_each(|(d, seen)| r.count(d, *seen));
+            });
         }
         for (i, r) in batch.clone().zip(&receivers) {
             emitted.unoccluded[i] = r.unoccluded;
@@ -152,6 +158,7 @@ pub fn emitted(
 /// neighbours, say the same.
 fn in_doubt(receivers: &[Receiver]) -> Vec<bool> {
     (0..receivers.len())
+        .into_par_iter()
         .map(|k| {
             let near = k.saturating_sub(NEIGHBOURS)..(k + NEIGHBOURS + 1).min(receivers.len());
             let (mut some, mut all) = (false, true);
