@@ -342,9 +342,9 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
     }
 }
 
-/// Links of rough scans take longer than expected, and more rays than expected add to those that are
-/// there: rays count so many times.
-const RAYS_FIRST: f64 = 0.8;
+/// More rays than expected add to those that are there, and links of rough scans take much longer than
+/// expected: rays count so many times, where all is flat and where all is curved or rough.
+const RAYS_FIRST: [f64; 2] = [0.8, 0.5];
 /// Rays that are not expected to do count so many times: they may do all the same, and are tried where that
 /// adds little to what else it takes.
 const RAYS_TRIED: f64 = 7.0;
@@ -383,7 +383,10 @@ fn choose(
         let too_large = free.is_some_and(|free| cost.bytes() > free);
         let weight = match method {
             Method::Gather if expected.is_none() => RAYS_TRIED,
-            Method::Gather => RAYS_FIRST,
+            Method::Gather => {
+                let [flat, rough] = RAYS_FIRST;
+                flat + (rough - flat) * job.sketch.curved
+            }
             Method::Direct => EXACT_FIRST,
             _ => 1.0,
         };
