@@ -102,6 +102,9 @@ fn what_comes_back_is_what_went_in() {
     let again = kept.folder.path().join("again");
     loaded.save(&again).unwrap();
     assert!(fs::read(&again).unwrap() == kept.bytes);
+    // Who is next to whom is no part of the file: it is found with the first light.
+    kept.transport.illuminate(&kept.scene, &Silent).unwrap();
+    loaded.illuminate(&kept.scene, &Silent).unwrap();
     // The next light needs other links.
     move_lamp(&mut kept.scene, CORNER);
     let here = kept.transport.illuminate(&kept.scene, &Silent).unwrap();
