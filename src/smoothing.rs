@@ -76,7 +76,7 @@ impl Surroundings {
                     let mut last = Last::default();
                     let find = |i: usize| {
                         tree.next_nearest(i, NEIGHBOURS, &mut last, near);
-                        on_one_surface(surfels, i, near)
+                        next_on_surface(surfels, i, near)
                     };
                     run.map(find).collect::<Vec<_>>()
                 })
@@ -134,7 +134,7 @@ impl Surroundings {
 
 /// The neighbours of a surfel on its surface among the `nearest`, how far these are, and whether
 /// there are no others.
-fn on_one_surface(
+fn next_on_surface(
     s: &Surfels,
     i: usize,
     nearest: &[(u32, DVec3)],
@@ -199,8 +199,8 @@ impl<'a> Smoother<'a> {
         values: &[DVec3],
         limit: &impl Fn(usize, DVec3, DVec3) -> f64,
     ) -> DVec3 {
-        // In full light and in full shadow there is nothing to do.
         let (neighbours, reach) = (self.around.neighbours[i], &self.around.reach);
+        // In full light and in full shadow there is nothing to do.
         let same = |j: u32| values[j as usize] == values[i];
         if neighbours.into_iter().all(same) {
             return DVec3::ZERO;
