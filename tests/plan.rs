@@ -54,6 +54,8 @@ fn rays_are_tried_where_that_adds_little() {
     let large = plan(&scene("cave", 20_000), &options(0.005));
     assert_eq!((large.method, large.rays), (Method::Gather, Some(64)));
     assert_eq!(large.instead, Some(Method::Direct), "{large}");
+    // But no longer than half of what follows.
+    assert_eq!(large.most_rays, Some(1024), "{large}");
     let small = plan(&scene("cave", 4000), &options(0.01));
     assert_eq!((small.method, small.instead), (Method::Direct, None));
 }
@@ -137,6 +139,30 @@ fn rays_that_miss_the_tolerance_are_followed_by_what_was_planned() {
         assert_eq!((stats.method, stats.rays), (instead, None));
         assert!(stats.converged && stats.error.is_none_or(|error| error.met));
     }
+}
+
+/// Where more rays would do, but are more than what follows takes.
+#[test]
+fn rays_that_would_take_too_long_are_given_up() {
+    let (scene, options) = (scene("cornell", 1500), options(0.02));
+    let solved = |most_rays| {
+        let plan = Plan {
+            method: Method::Gather,
+            rays: Some(16),
+            instead: Some(Method::Direct),
+            most_rays,
+            ..plan(&scene, &options)
+        };
+        let mut transport =
+            Transport::planned(&scene, &options, Backend::Cpu, plan, &Silent).unwrap();
+        let stats = transport.illuminate(&scene, &Silent).unwrap().stats;
+        (stats.method, stats.rays)
+    };
+    let (method, rays) = solved(None);
+    assert_eq!(method, Method::Gather);
+    assert_eq!(solved(rays), (method, rays));
+    let fewer = rays.map(|rays| rays / 2);
+    assert_eq!(solved(fewer), (Method::Direct, None), "{rays:?}");
 }
 
 #[test]

@@ -47,8 +47,9 @@ const KNOWN: f64 = 1.2;
 /// What to begin with.
 #[derive(Clone, Copy)]
 pub(super) struct First {
-    /// Rays from each surfel.
+    /// Rays from each surfel, and beyond how many they are given up.
     pub rays: u32,
+    pub most: u32,
     /// Whether bright spots are sampled apart.
     pub apart: bool,
     /// Whether that is all that is wanted.
@@ -61,6 +62,7 @@ impl First {
         let planned = plan.and_then(|plan| plan.rays);
         First {
             rays: asked.or(planned).unwrap_or(*RAYS.start()),
+            most: plan.and_then(|plan| plan.most_rays).unwrap_or(*RAYS.end()),
             apart: plan.is_some_and(|plan| plan.spots_apart),
             only: asked.is_some(),
         }
@@ -194,6 +196,13 @@ impl Task<'_> {
                 true => enough(wrong * spots.left, 1.0),
                 false => enough(wrong, 2.0),
             };
+            if next > first.most {
+                best = best.map(|(solved, verified)| {
+                    let in_vain = true;
+                    (Solved { in_vain, ..solved }, verified)
+                });
+                break;
+            }
             if let Err(why) = check_memory(next) {
                 self.progress.note(&format!("no more rays: {why}"));
                 break;

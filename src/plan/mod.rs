@@ -15,7 +15,7 @@ use serde::Serialize;
 use self::cost::{BY_RAYS, Cost, Job};
 pub use self::sketch::Sketch;
 use crate::error::{Error, Result};
-use crate::illuminate::{Backend, Method, Occlusion, Options, check, tolerance};
+use crate::illuminate::{Backend, Method, Occlusion, Options, RAYS, check, tolerance};
 use crate::links;
 use crate::memory;
 use crate::octree::LEAF_SIZE;
@@ -43,6 +43,8 @@ pub struct Plan {
     pub rays: Option<u32>,
     /// What follows rays that turn out to be in vain, if the choice is ours.
     pub instead: Option<Method>,
+    /// Rays from each surfel beyond which that follows in any case.
+    pub most_rays: Option<u32>,
     /// Whether the light of bright spots is sampled apart from them.
     pub spots_apart: bool,
     /// Where the passes run: "cpu" or "gpu".
@@ -146,7 +148,12 @@ impl Plan {
             asked: options.rays.map(u32::next_power_of_two),
             sketch,
         };
-        let (method, instead, why) = choose(options, backend, &job, free, many);
+        let Way {
+            method,
+            instead,
+            most_rays,
+            why,
+        } = choose(options, backend, &job, free, many);
         let (order, leaf_size) = expansions(options, method, tolerance, surfels, backend)?;
         let rays = job.rays().unwrap_or(MANY_RAYS);
         let cost = job.cost(method, rays);
@@ -159,6 +166,7 @@ impl Plan {
             leaf_size,
             rays: (method == Method::Gather).then_some(job.rays().unwrap_or(TRIED_RAYS)),
             instead,
+            most_rays,
             spots_apart: method == Method::Gather && job.apart(),
             backend: match backend {
                 Backend::Cpu => "cpu".into(),
@@ -348,26 +356,42 @@ const RAYS_FIRST: [f64; 2] = [0.8, 0.5];
 /// Rays that are not expected to do count so many times: they may do all the same, and are tried where that
 /// adds little to what else it takes.
 const RAYS_TRIED: f64 = 7.0;
+/// Rays are given up where they would take more than this part of what then follows.
+const GIVEN_UP: f64 = 0.5;
 /// Links may take more rounds than expected, exact sums take one: these count so many times.
 const EXACT_FIRST: f64 = 0.65;
 
-/// The method that is taken, what follows rays in vain, and why. Who asks for an order wants expansions.
-fn choose(
-    options: &Options,
-    backend: &Backend,
-    job: &Job,
-    free: Option<u64>,
-    many: bool,
-) -> (Method, Option<Method>, String) {
+/// How to solve, and why.
+struct Way {
+    method: Method,
+    /// What follows rays in vain, and the number of them beyond which it does in any case.
+    instead: Option<Method>,
+    most_rays: Option<u32>,
+    why: String,
+}
+
+impl Way {
+    fn only(method: Method, why: &str) -> Way {
+        Way {
+            method,
+            instead: None,
+            most_rays: None,
+            why: why.into(),
+        }
+    }
+}
+
+/// Who asks for an order wants expansions.
+fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>, many: bool) -> Way {
     if options.method != Method::Auto {
-        return (options.method, None, "asked for".into());
+        return Way::only(options.method, "asked for");
     }
     if options.order.is_some() {
-        return (Method::Fmm, None, "an order belongs to expansions".into());
+        return Way::only(Method::Fmm, "an order belongs to expansions");
     }
     if matches!(backend, Backend::Gpu { .. }) {
         let why = "on a device; the other methods work on the CPU";
-        return (Method::Fmm, None, why.into());
+        return Way::only(Method::Fmm, why);
     }
     let mut candidates = vec![(Method::Direct, 0), (Method::Fmm, 0)];
     let bounces = options.max_bounces != Some(0);
@@ -406,8 +430,22 @@ fn choose(
         })
         .collect();
     let method = costs[0].0;
-    let instead = (method == Method::Gather).then_some(costs[1].0);
-    (method, instead, format!("expected are {}", told.join(", ")))
+    let (instead, after) = &costs[1];
+    // Links may take longer than expected, and so may expected rays.
+    let given_up = method == Method::Gather && (expected.is_none() || *instead == Method::Direct);
+    let at_first = expected.unwrap_or(TRIED_RAYS);
+    let dearer = |rays: &u32| job.cost(method, 2 * rays).seconds() > GIVEN_UP * after.seconds();
+    Way {
+        method,
+        instead: (method == Method::Gather).then_some(*instead),
+        most_rays: given_up.then(|| {
+            let more = std::iter::successors(Some(at_first), |rays| Some(2 * rays));
+            more.take_while(|rays| rays <= RAYS.end())
+                .find(dearer)
+                .unwrap_or(*RAYS.end())
+        }),
+        why: format!("expected are {}", told.join(", ")),
+    }
 }
 
 /// What a method that `auto` may take works with.
