@@ -1,6 +1,7 @@
 //! What a kept transport saves: fresh solves and relights side by side, each with its error against
 //! exact sums, and how fast a kept operator is loaded: `cargo bench --bench relight [-- POINTS LOADED]`,
-//! by default 128000 and 1000000; 0 leaves a part out.
+//! by default 128000 and 1000000; 0 leaves a part out. Fresh solves are by `auto`; what is kept are links, and
+//! then whatever a transport for many lights takes.
 
 #[path = "../tests/relit/mod.rs"]
 mod relit;
@@ -59,7 +60,7 @@ fn main() {
     let loaded = numbers.next().unwrap_or(1_000_000);
     if points > 0 {
         println!(
-            "lamp: fresh s, error; relit s (links, visibility, solve, checks), share, segments, error"
+            "lamp: fresh s, error; relit s, error (links, visibility, solve, checks, verification), share, segments"
         );
         CASES.iter().for_each(|case| table(case, points));
     }
@@ -106,8 +107,8 @@ fn load(points: usize) {
 }
 
 fn table(case: &Case, points: usize) {
-    let options = Options {
-        method: Method::Fmm,
+    let by = |method| Options {
+        method,
         tolerance: Some(case.tolerance),
         ..Options::default()
     };
@@ -118,27 +119,45 @@ fn table(case: &Case, points: usize) {
         scene.cloud.len(),
         case.tolerance
     );
-    let mut transport = Transport::new(&scene, &options, Backend::Cpu, &Silent).unwrap();
+    let [links, any] = [Method::Fmm, Method::Auto].map(by);
+    let kept = |options| Transport::new(&scene, options, Backend::Cpu, &Silent).unwrap();
+    let mut kept = [("links", kept(&links)), ("auto", kept(&any))];
     for &(what, place) in case.lamps {
         move_lamp(&mut scene, place);
-        let (fresh, afresh) =
-            timed(|| illuminate(&scene, &options, Backend::Cpu, &Silent).unwrap());
-        let (seconds, relit) = timed(|| transport.illuminate(&scene, &Silent).unwrap());
         let of = |lit: &Illumination| 100.0 * errors(&scene, lit, RECEIVERS, |_| true).indirect;
-        let stats = &relit.stats;
-        let s = &stats.seconds;
+        let (fresh, afresh) = timed(|| illuminate(&scene, &any, Backend::Cpu, &Silent).unwrap());
         println!(
-            "  {what:24} {fresh:5.2} {:5.2}%   {seconds:5.2} ({:.2}, {:.2}, {:.2}, {:.2}) {:3.0}% {:9} {:5.2}%",
+            "  {what:24} {fresh:5.2} {:5.2}%  {}",
             of(&afresh),
-            s.links,
-            s.visibility,
-            s.solve,
-            s.checks,
-            100.0 * seconds / fresh,
-            stats.segments,
-            of(&relit),
+            way(&afresh)
         );
+        for (by, transport) in &mut kept {
+            let (seconds, relit) = timed(|| transport.illuminate(&scene, &Silent).unwrap());
+            let s = &relit.stats.seconds;
+            println!(
+                "      {by:20} {seconds:5.2} {:5.2}%  ({:.2}, {:.2}, {:.2}, {:.2}, {:.2}) {:3.0}% {:9} {}",
+                of(&relit),
+                s.links,
+                s.visibility,
+                s.solve,
+                s.checks,
+                s.verification,
+                100.0 * seconds / fresh,
+                relit.stats.segments,
+                way(&relit),
+            );
+        }
     }
+}
+
+fn way(lit: &Illumination) -> String {
+    let rays = lit.stats.rays.map(|rays| format!(", {rays} rays"));
+    let not_met = if lit.stats.met() { "" } else { ", not met" };
+    format!(
+        "{:?}{}{not_met}",
+        lit.stats.method,
+        rays.unwrap_or_default()
+    )
 }
 
 fn timed<T>(work: impl FnOnce() -> T) -> (f64, T) {

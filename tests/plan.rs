@@ -87,9 +87,6 @@ fn nothing_is_chosen_that_cannot_do_it() {
         ..wanted.clone()
     };
     assert_eq!(plan(&cave, &ordered).method, Method::Fmm);
-    // For many lights links are kept, rays would be cast for each.
-    let many = Plan::for_many(&cave, &wanted, &Backend::Cpu).unwrap();
-    assert_ne!(many.method, Method::Gather);
     // They see nothing that is black.
     let mut black = cave.clone();
     black.cloud.reflectance.fill(Vec3::ZERO);

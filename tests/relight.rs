@@ -4,7 +4,7 @@
 mod common;
 mod relit;
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use common::gpu;
 use fmmgi_gpu::links::{self, Accuracy, Kept, Links, SLACK};
@@ -260,7 +260,6 @@ fn without_occlusion_and_by_other_methods_each_light_is_as_if_it_came_first() {
     let cases = [
         (Method::Fmm, Occlusion::None),
         (Method::Direct, Occlusion::Surfels),
-        (Method::Gather, Occlusion::Surfels),
     ];
     for (method, occlusion) in cases {
         let options = Options {
@@ -280,6 +279,50 @@ fn without_occlusion_and_by_other_methods_each_light_is_as_if_it_came_first() {
             assert!(difference < 1e-2, "{method:?}: {difference}");
         }
     }
+}
+
+/// What rays met serves any light; they are cast where there are too few of them.
+#[test]
+fn rays_are_kept_for_other_lights() {
+    /// Whether rays were cast.
+    #[derive(Default)]
+    struct Cast(AtomicBool);
+    impl Progress for Cast {
+        fn stage(&self, name: &str, _: u64) {
+            self.0.fetch_or(name == "rays", Ordering::Relaxed);
+        }
+    }
+    let options = Options {
+        method: Method::Gather,
+        ..options()
+    };
+    let mut scene = lamp("cornell", POINTS, CEILING);
+    let mut kept = Transport::new(&scene, &options, Backend::Cpu, &Silent).unwrap();
+    let mut lit = |place| {
+        move_lamp(&mut scene, place);
+        let cast = Cast::default();
+        let lit = kept.illuminate(&scene, &cast).unwrap();
+        let found = errors(&scene, &lit, RECEIVERS, everywhere);
+        let rays = lit.stats.rays.unwrap();
+        println!("{place:?}: {found:?}, {rays} rays");
+        assert!(lit.stats.met() && found.indirect < TOLERANCE, "{found:?}");
+        (lit, rays, cast.0.into_inner())
+    };
+    let (first, few, cast) = lit(CEILING);
+    assert!(cast);
+    let fresh = illuminate(
+        &lamp("cornell", POINTS, CEILING),
+        &options,
+        Backend::Cpu,
+        &Silent,
+    );
+    assert_eq!(first.map.irradiance, fresh.unwrap().map.irradiance);
+    let (again, same, cast) = lit(CEILING);
+    assert!(same == few && !cast);
+    assert!(difference(&again, &first) < 0.01);
+    let (_, many, _) = lit(CORNER);
+    let (_, still, cast) = lit(CEILING);
+    assert!(many >= few && still == many && !cast);
 }
 
 #[test]

@@ -103,12 +103,9 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     warn_of_darkness(&scene, &progress);
     let about = |error: Error| asked.about(error);
     let (transport, mut result) = chosen.run(&progress, |backend| {
-        let mut transport = match (&args.operator, &args.save_operator) {
-            (Some(path), _) => Transport::load(path, &scene, &options, backend, &progress)?,
-            (None, Some(_)) => {
-                Transport::new(&scene, &options, backend, &progress).map_err(about)?
-            }
-            (None, None) => Transport::once(&scene, &options, backend, &progress).map_err(about)?,
+        let mut transport = match &args.operator {
+            Some(path) => Transport::load(path, &scene, &options, backend, &progress)?,
+            None => Transport::new(&scene, &options, backend, &progress).map_err(about)?,
         };
         let result = match &checkpoint {
             None => transport.illuminate(&scene, &progress),

@@ -74,7 +74,7 @@ impl Task<'_> {
         // What nothing can be in the way of is not sampled.
         let smoother = match visibility.is_open() {
             true => None,
-            false => Some(linked.smoother(self)?),
+            false => Some(self.smoother()?),
         };
         let smoother = smoother.as_ref();
         let stages = self.stages;

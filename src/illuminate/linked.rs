@@ -1,7 +1,5 @@
 //! Links for the lights that came so far, and the operator that they make.
 
-use std::sync::Arc;
-
 use super::task::Task;
 use super::work::{Bounced, Work};
 use crate::error::Result;
@@ -10,7 +8,6 @@ use crate::octree::Octree;
 use crate::operator::{Fmm, GpuFmm};
 use crate::passes::gpu::Gpu;
 use crate::points::Surfels;
-use crate::smoothing::{Smoother, Surroundings};
 use crate::visibility::Visibility;
 
 /// Links that are refined for one light after the other. On a device they stay until they change.
@@ -18,8 +15,6 @@ pub(super) struct Linked {
     kept: Kept,
     gpu: Option<Gpu>,
     on_device: Option<GpuFmm>,
-    /// Who is next to whom, once it was asked for.
-    around: Option<Arc<Surroundings>>,
 }
 
 impl Linked {
@@ -33,23 +28,10 @@ impl Linked {
             kept,
             gpu,
             on_device: None,
-            around: None,
         }
     }
 
-    /// What smooths the light of a task; who is next to whom is found once.
-    pub fn smoother<'t>(&mut self, task: &Task<'t>) -> Result<Smoother<'t>> {
-        let around = match &self.around {
-            Some(around) => around.clone(),
-            None => {
-                let found = Surroundings::find(task.surfels, task.visibility, task.progress)?;
-                self.around.insert(Arc::new(found)).clone()
-            }
-        };
-        Ok(Smoother::among(task.surfels, around))
-    }
-
-    /// The same at the same place.
+    /// The same at the same place, for no light.
     pub fn rough(&self, task: &Task) -> Linked {
         Linked::none(task.octree, task.surfels, self.gpu.clone())
     }

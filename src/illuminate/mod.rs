@@ -71,7 +71,7 @@ pub fn illuminate(
     backend: Backend,
     progress: &dyn Progress,
 ) -> Result<Illumination> {
-    Transport::once(scene, options, backend, progress)?.illuminate(scene, progress)
+    Transport::new(scene, options, backend, progress)?.illuminate(scene, progress)
 }
 
 /// The surfels that solves with occlusion make of a cloud, and what stands in the way.

@@ -71,8 +71,8 @@ impl Options {
         match (self.method, self.occlusion) {
             (Method::Fmm | Method::Auto, Occlusion::Surfels) => Ok(()),
             _ => Err(Error::Usage(
-                "operators are kept of the fmm method with occlusion alone: leave out the method, \
-                 the visibility, or the operator"
+                "operators are kept of the fmm method with occlusion alone: ask for that method, and \
+                 leave out the visibility"
                     .into(),
             )),
         }

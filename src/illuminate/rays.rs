@@ -18,7 +18,7 @@ use crate::links::{self, Close, Links, Rows};
 use crate::memory;
 use crate::passes::cpu;
 use crate::plan::Plan;
-use crate::smoothing::Smoother;
+use crate::points::Surfels;
 use crate::visibility::Occluders;
 
 /// Rays from each surfel that can be asked for.
@@ -85,13 +85,18 @@ impl Task<'_> {
         &self,
         occluders: &Occluders,
         first: First,
+        kept: &mut Option<Cast>,
         repairs: &mut Vec<String>,
         solve: Solve,
     ) -> Result<Solved> {
-        let mut rays = first.rays.next_power_of_two();
-        let check_memory = |rays| memory::check_rays(self.surfels.len(), rays, memory::available());
+        let before = kept.as_ref().map_or(0, |cast| cast.count);
+        let mut rays = first.rays.next_power_of_two().max(before);
+        let check_memory = |rays| match rays > before {
+            true => memory::check_rays(self.surfels.len(), rays, memory::available()),
+            false => Ok(()),
+        };
         check_memory(rays)?;
-        let smoother = Smoother::new(self.surfels, self.visibility, self.progress)?;
+        let smoother = self.smoother()?;
         let mut lights = self.tolerance;
         let mut direct = self.direct_light(lights, None, Some(&smoother), repairs)?;
         let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
@@ -99,21 +104,25 @@ impl Task<'_> {
         if black || dark || self.max_bounces == Some(0) {
             return Ok(Solved::without_reflection(direct.irradiance));
         }
-        let mut cast = Cast::new(self, occluders, rays)?;
-        let (mut solving, mut verification) = (0.0, 0.0);
+        let cast = match kept {
+            Some(cast) => cast,
+            None => kept.insert(Cast::none(self.surfels)),
+        };
+        let (mut casting, mut solving, mut verification) = (0.0, 0.0, 0.0);
         let mut start: Option<Vec<DVec3>> = None;
         let mut spots = Spots::of(self.surfels, &direct.irradiance);
         // Whether what these send is sampled apart.
-        let mut apart = first.apart || self.spares(rays, &spots);
+        let mut apart = match cast.count {
+            0 => first.apart || self.spares(rays, &spots),
+            _ => cast.apart,
+        };
         let (mut bright, mut care) = (None::<Bright>, 1.0);
         // So many of the round before, if that had fewer.
         let (mut fewer, mut stuck_before) = (None::<u32>, false);
         let mut best: Option<(Solved, Verified)> = None;
         for round in 0.. {
-            cast.up_to(rays)?;
-            let [half, other] = &cast.halves;
-            let both = links::mean(half, other, self.progress)?;
-            let links = self.links_of(cast.close.and(&both, self.progress)?);
+            casting += cast.up_to(rays, self, occluders)?;
+            let links = &cast.links;
             if apart && bright.is_none() {
                 bright = Some(self.bright(&direct, &spots, care * lights, &smoother)?);
                 start = None;
@@ -121,8 +130,8 @@ impl Task<'_> {
             let lamps = bright.as_ref().map_or(&direct.irradiance, |b| &b.lights);
             let clock = Instant::now();
             let work = self.work(lamps, start.as_deref(), self.stop());
-            let bounced = solve(&links, &work)?;
-            let noise = noise([half, other], &bounced, lamps);
+            let bounced = solve(links, &work)?;
+            let noise = noise(&cast.halves, &bounced, lamps);
             let bounced = even(bounced, self.surfels, &smoother, lamps, noise);
             solving += clock.elapsed().as_secs_f64();
             start = Some(bounced.reflected.clone());
@@ -131,9 +140,9 @@ impl Task<'_> {
                 None => bounced,
             };
             let model = best.as_ref().and_then(|(last, _)| last.model_error);
-            let cast_so_far = u64::from(cast.count) * self.surfels.len() as u64;
-            let tested = budget(self.visibility.segments() + cast_so_far);
-            let claimed = Some((&links, &bounced));
+            let newly_cast = u64::from(cast.count - before) * self.surfels.len() as u64;
+            let tested = budget(self.visibility.segments() + newly_cast);
+            let claimed = Some((links, &bounced));
             let (verified, model) = self.verify_round(&direct, claimed, tested, model, round)?;
             verification += verified.seconds;
             self.progress.note(&format!(
@@ -161,7 +170,7 @@ impl Task<'_> {
                 checked: bounced.checked,
                 verified: Some(verified),
                 model_error: model,
-                links: counts(&links),
+                links: counts(links),
                 in_vain,
                 ..Solved::default()
             };
@@ -210,11 +219,12 @@ impl Task<'_> {
             fewer = (next > rays).then_some(rays);
             rays = next;
         }
+        cast.apart = apart;
         let solved = best.map(|(solved, _)| solved).unwrap_or_default();
         Ok(Solved {
             rays: Some(Rays {
                 count: cast.count,
-                seconds: cast.seconds,
+                seconds: casting,
             }),
             seconds: solving,
             verification,
@@ -228,51 +238,82 @@ impl Task<'_> {
         let spared = f64::from(rays) * (1.0 - spots.left.powf(1.0 / POWER[1]));
         self.max_bounces.is_none() && spared >= SPARED
     }
-
-    fn links_of(&self, near: Rows) -> Links {
-        Links {
-            near,
-            ..Links::none(self.octree.facets.len(), self.surfels.len())
-        }
-    }
 }
 
-/// Rays that are cast bit by bit.
-struct Cast<'a> {
-    task: &'a Task<'a>,
-    occluders: &'a Occluders,
+/// Rays that were cast for the lights so far, and the links that they make. They serve any light.
+pub(super) struct Cast {
     close: Close,
     /// How far apart these are at most, in spacings.
     spacings: f32,
-    /// The means of one half of them and of the other.
+    /// The means of one half of the rays and of the other.
     halves: [Rows; 2],
-    /// From each surfel, a power of two.
+    /// Rays from each surfel, a power of two; 0 at first.
     count: u32,
-    seconds: f64,
+    /// Those of close pairs and of rays, and how many of these there were.
+    links: Links,
+    linked: u32,
+    /// Whether bright spots had to be sampled apart.
+    apart: bool,
 }
 
-impl<'a> Cast<'a> {
-    fn new(task: &'a Task, occluders: &'a Occluders, count: u32) -> Result<Cast<'a>> {
-        let mut cast = Cast {
-            task,
-            occluders,
-            close: Close::none(task.surfels),
+impl Cast {
+    fn none(surfels: &Surfels) -> Cast {
+        let none = || Rows::none(surfels.len());
+        Cast {
+            close: Close::none(surfels),
             spacings: 0.0,
-            halves: [(); 2].map(|()| Rows::none(task.surfels.len())),
-            count,
-            seconds: 0.0,
+            halves: [none(), none()],
+            count: 0,
+            links: Links::none(0, surfels.len()),
+            linked: 0,
+            apart: false,
+        }
+    }
+
+    /// What another light would begin with: rays from each surfel, and whether spots are sampled apart.
+    pub fn state(&self) -> (u32, bool) {
+        (self.count, self.apart)
+    }
+
+    /// Casts up to so many rays from each surfel, a power of two, and returns the seconds that they took.
+    fn up_to(&mut self, rays: u32, task: &Task, occluders: &Occluders) -> Result<f64> {
+        if rays == self.linked {
+            return Ok(0.0);
+        }
+        self.widen(rays, task)?;
+        let (surfels, seed, progress) = (task.surfels, task.seed, task.progress);
+        let mut seconds = 0.0;
+        let close = &self.close;
+        let mut numbers = |numbers: Range<u32>| {
+            let clock = Instant::now();
+            let rows = links::gather::<f32>(surfels, occluders, close, numbers, seed, progress);
+            seconds += clock.elapsed().as_secs_f64();
+            rows
         };
-        cast.widen(count)?;
-        let half = count / 2;
-        cast.halves = [cast.numbers(0..half)?, cast.numbers(half..count)?];
-        Ok(cast)
+        if self.count == 0 {
+            self.halves = [numbers(0..rays / 2)?, numbers(rays / 2..rays)?];
+            self.count = rays;
+        }
+        while self.count < rays {
+            let more = numbers(self.count..2 * self.count)?;
+            let [half, other] = &self.halves;
+            self.halves = [links::mean(half, other, progress)?, more];
+            self.count *= 2;
+        }
+        let [half, other] = &self.halves;
+        let both = links::mean(half, other, progress)?;
+        self.links = Links {
+            near: self.close.and(&both, progress)?,
+            ..Links::none(task.octree.facets.len(), surfels.len())
+        };
+        self.linked = rays;
+        Ok(seconds)
     }
 
     /// Takes as many pairs for close as is right for so many rays.
-    fn widen(&mut self, rays: u32) -> Result<()> {
+    fn widen(&mut self, rays: u32, task: &Task) -> Result<()> {
         let spacings = CLOSE[usize::from(rays >= MANY_RAYS)];
         if spacings > self.spacings {
-            let task = self.task;
             let close = Close::find(task.surfels, spacings, task.visibility, task.progress)?;
             for half in &mut self.halves {
                 *half = close.without(half, task.progress)?;
@@ -281,41 +322,15 @@ impl<'a> Cast<'a> {
         }
         Ok(())
     }
-
-    fn numbers(&mut self, numbers: Range<u32>) -> Result<Rows> {
-        let clock = Instant::now();
-        let Task {
-            surfels,
-            seed,
-            progress,
-            ..
-        } = *self.task;
-        let (occluders, close) = (self.occluders, &self.close);
-        let rows = links::gather::<f32>(surfels, occluders, close, numbers, seed, progress)?;
-        self.seconds += clock.elapsed().as_secs_f64();
-        Ok(rows)
-    }
-
-    /// Casts up to so many rays from each surfel, a power of two.
-    fn up_to(&mut self, rays: u32) -> Result<()> {
-        self.widen(rays)?;
-        while self.count < rays {
-            let more = self.numbers(self.count..2 * self.count)?;
-            let [half, other] = &self.halves;
-            self.halves = [links::mean(half, other, self.task.progress)?, more];
-            self.count *= 2;
-        }
-        Ok(())
-    }
 }
 
 /// Noise of the light that rays bring, relative to it: half of what two halves of them differ by.
-fn noise(halves: [&Rows; 2], bounced: &Bounced, lights: &[DVec3]) -> f64 {
+fn noise(halves: &[Rows; 2], bounced: &Bounced, lights: &[DVec3]) -> f64 {
     // As f32 can hold the squares of.
     let brightest = bounced.sent.iter().map(|b| b.max_element());
     let unit = brightest.fold(f64::MIN_POSITIVE, f64::max);
     let sent: Vec<Vec3> = bounced.sent.iter().map(|b| (*b / unit).as_vec3()).collect();
-    let [a, b] = halves.map(|near| {
+    let [a, b] = halves.each_ref().map(|near| {
         let mut irradiance = vec![Vec3::ZERO; sent.len()];
         cpu::near_field::<f32>(near, &sent, &mut irradiance);
         irradiance

@@ -2,6 +2,7 @@
 //! see `fmm`, for rays `rays`).
 
 use std::collections::BTreeMap;
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
@@ -20,7 +21,7 @@ use crate::operator::{Direct, Fields, Fmm, TransportOperator};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::smoothing::Smoother;
+use crate::smoothing::{Smoother, Surroundings};
 use crate::solve::{Ended, Stop};
 use crate::visibility::{Counted, PointVisibility, Visibility};
 
@@ -40,6 +41,8 @@ pub(super) struct Task<'a> {
     pub surfels: &'a Surfels,
     pub octree: &'a Octree,
     pub visibility: &'a Counted<'a>,
+    /// Who is next to whom, once it was asked for.
+    pub around: &'a OnceLock<Arc<Surroundings>>,
     pub tolerance: f64,
     /// Largest order of the expansions.
     pub order: usize,
@@ -86,6 +89,20 @@ pub(super) struct DirectLight {
 
 /// How an operator made of links solves the equation, on one backend or the other.
 pub(super) type Solve<'a> = &'a dyn Fn(&Links, &Work) -> Result<Bounced>;
+
+impl<'a> Task<'a> {
+    /// What smooths light over the surface.
+    pub fn smoother(&self) -> Result<Smoother<'a>> {
+        let around = match self.around.get() {
+            Some(around) => around.clone(),
+            None => {
+                let found = Surroundings::find(self.surfels, self.visibility, self.progress)?;
+                self.around.get_or_init(|| Arc::new(found)).clone()
+            }
+        };
+        Ok(Smoother::among(self.surfels, around))
+    }
+}
 
 impl Task<'_> {
     /// Everything by exact sums.

@@ -1,14 +1,14 @@
 //! The transport of light between the points of a cloud, kept for many lights.
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use super::checkpoint::{Checkpoint, Stages, fingerprint};
 use super::geometry::Geometry;
 use super::linked::Linked;
 use super::options::{check, check_scene, tolerance};
-use super::rays::First;
+use super::rays::{Cast, First};
 use super::stats::{Seconds, Stats};
 use super::task::{Solved, Task};
 use super::work::Work;
@@ -21,6 +21,7 @@ use crate::plan::{Plan, expanded, named};
 use crate::points::{Openness, Quality, Surfels};
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::smoothing::Surroundings;
 use crate::visibility::{
     Counted, CpuPointVisibility, CpuVisibility, NothingInTheWay, Occluders, PointVisibility,
     Visibility,
@@ -31,10 +32,11 @@ const CROWDED: f64 = 1.1;
 
 /// How light goes between the points of one cloud. Found once, it serves many lights.
 ///
-/// Who sees whom does not depend on the light. With the method [`Fmm`](Method::Fmm) the links that
-/// were found for one light are kept for the next: [`illuminate`](Transport::illuminate) then takes the
-/// direct light of each surfel and some applications of the operator. Links that another light
-/// needs more accurately than those before are refined, no others. On a GPU they stay there. The
+/// Who sees whom does not depend on the light. What was found out for one light is kept for the next:
+/// [`illuminate`](Transport::illuminate) then takes the direct light of each surfel and some applications
+/// of the operator. With the method [`Fmm`](Method::Fmm) that are links, of which those that another light
+/// needs more accurately are refined, no others; on a GPU they stay there. With [`Gather`](Method::Gather)
+/// it is what rays met, which serves any light; more of them are cast where the tolerance asks for it. The
 /// other methods keep surfels, octree and what stands in the way.
 ///
 /// ```no_run
@@ -57,6 +59,8 @@ pub struct Transport {
     plan: Option<Plan>,
     geometry: Geometry,
     linked: Linked,
+    cast: Option<Cast>,
+    around: OnceLock<Arc<Surroundings>>,
     device: Option<Device>,
     /// What making the geometry took, until it is told.
     prepared: Seconds,
@@ -70,22 +74,8 @@ struct Device {
 }
 
 impl Transport {
-    /// Makes the cloud of a scene ready. Nothing is linked until the first light comes.
+    /// Makes the cloud of a scene ready. Nothing is linked, and no ray is cast, until the first light comes.
     pub fn new(
-        scene: &Scene,
-        options: &Options,
-        backend: Backend,
-        progress: &dyn Progress,
-    ) -> Result<Transport> {
-        let plan = Plan::for_many(scene, options, &backend)?;
-        Transport::planned(scene, options, backend, plan, progress)
-    }
-
-    /// The same for a single light, for which rays may do.
-    ///
-    /// # Errors
-    /// Those of [`new`](Transport::new).
-    pub fn once(
         scene: &Scene,
         options: &Options,
         backend: Backend,
@@ -145,8 +135,8 @@ impl Transport {
     /// Writes surfels, octree and links to a file, from which they can be [loaded](Transport::load)
     /// for the same cloud.
     ///
-    /// Fails with [`Error::Usage`] where there is nothing to keep: without occlusion, and with another
-    /// method than `Fmm`.
+    /// Fails with [`Error::Usage`] where there are no links to keep: without occlusion, and with another
+    /// method than `Fmm`, which `Auto` may have taken.
     pub fn save(&self, path: &Path) -> Result<()> {
         let options = Options {
             method: self.method,
@@ -202,6 +192,8 @@ impl Transport {
             method,
             plan: None,
             linked: Linked::new(kept, gpu),
+            cast: None,
+            around: OnceLock::new(),
             geometry,
             device,
             prepared,
@@ -257,6 +249,7 @@ impl Transport {
             surfels: &geometry.surfels,
             octree: &geometry.octree,
             visibility: &visibility,
+            around: &self.around,
             tolerance,
             order: geometry.order,
             max_bounces: self.options.max_bounces,
@@ -269,7 +262,14 @@ impl Transport {
         let (mut method, mut solved) = match self.method {
             Method::Fmm => (Method::Fmm, task.fmm(&mut self.linked, &mut repairs)?),
             method => {
-                let solve = |mended: &mut Vec<String>| self.afresh(&task, mended);
+                let way = Way {
+                    method,
+                    first: First::of(self.plan.as_ref(), self.options.rays),
+                    occluders: geometry.occluders.as_deref(),
+                    gpu: self.device.as_ref().map(|device| &device.gpu),
+                };
+                let cast = &mut self.cast;
+                let solve = |mended: &mut Vec<String>| way.solve(&task, cast, mended);
                 (method, in_stage(&stages, &mut repairs, solve)?)
             }
         };
@@ -281,6 +281,8 @@ impl Transport {
             ));
             repairs.clone_from(&geometry.repairs);
             method = instead;
+            // Nor are they for the lights to come.
+            (self.method, self.cast) = (instead, None);
             solved = match instead {
                 Method::Direct => in_stage(&stages, &mut repairs, |mended| task.direct(mended))?,
                 _ => task.fmm(&mut self.linked, &mut repairs)?,
@@ -358,21 +360,36 @@ impl Transport {
             .map(|light| (light.position, light.intensity))
             .collect();
         let colours = (&cloud.reflectance, &cloud.emission);
-        fingerprint(&(told, lights, scene.sky, colours, self.linked.kept()))
+        let kept = (self.linked.kept(), self.cast.as_ref().map(Cast::state));
+        fingerprint(&(told, lights, scene.sky, colours, kept))
     }
+}
 
-    /// Solves by a method that keeps nothing.
-    fn afresh(&self, task: &Task, repairs: &mut Vec<String>) -> Result<Solved> {
+/// Another method than `Fmm`, and what it takes.
+struct Way<'a> {
+    method: Method,
+    first: First,
+    occluders: Option<&'a Occluders>,
+    gpu: Option<&'a Gpu>,
+}
+
+impl Way<'_> {
+    /// Nothing is kept for other lights but what rays met.
+    fn solve(
+        &self,
+        task: &Task,
+        cast: &mut Option<Cast>,
+        repairs: &mut Vec<String>,
+    ) -> Result<Solved> {
         let (surfels, octree, progress) = (task.surfels, task.octree, task.progress);
-        let gpu = self.device.as_ref().map(|d| &d.gpu);
+        let gpu = self.gpu;
         let solve = |links: &Links, work: &Work| match gpu {
             None => work.solve(&Fmm::<f32>::new(surfels, octree, links), progress),
             Some(gpu) => work.solve(&GpuFmm::new(gpu, surfels, octree, links)?, progress),
         };
-        match (self.method, &self.geometry.occluders) {
+        match (self.method, self.occluders) {
             (Method::Gather, Some(occluders)) => {
-                let first = First::of(self.plan.as_ref(), self.options.rays);
-                task.gather(occluders, first, repairs, &solve)
+                task.gather(occluders, self.first, cast, repairs, &solve)
             }
             (Method::Classic, _) => {
                 let test = Thresholds::default().point;

@@ -92,7 +92,7 @@ const TRIED_RAYS: u32 = 64;
 const MAX_ORDER: usize = 12;
 
 impl Plan {
-    /// Plans [`illuminate()`](crate::illuminate()): one light for a cloud, whose normals must be there.
+    /// Plans [`illuminate()`](crate::illuminate()), or the first light of a [`Transport`](crate::Transport), for a cloud, whose normals must be there.
     ///
     /// # Errors
     /// [`Error::Usage`] for options that do not fit together, [`Error::Invalid`] for numbers that no
@@ -110,24 +110,6 @@ impl Plan {
         options: &Options,
         backend: &Backend,
         free: Option<u64>,
-    ) -> Result<Plan> {
-        Plan::make(scene, options, backend, free, false)
-    }
-
-    /// Plans a [`Transport`](crate::Transport) that serves many lights: rays would be cast for each.
-    ///
-    /// # Errors
-    /// Those of [`new`](Plan::new).
-    pub fn for_many(scene: &Scene, options: &Options, backend: &Backend) -> Result<Plan> {
-        Plan::make(scene, options, backend, memory::available(), true)
-    }
-
-    fn make(
-        scene: &Scene,
-        options: &Options,
-        backend: &Backend,
-        free: Option<u64>,
-        many: bool,
     ) -> Result<Plan> {
         check(scene, options, backend)?;
         let tolerance = tolerance(scene, options);
@@ -153,7 +135,7 @@ impl Plan {
             instead,
             most_rays,
             why,
-        } = choose(options, backend, &job, free, many);
+        } = choose(options, backend, &job, free);
         let (order, leaf_size) = expansions(options, method, tolerance, surfels, backend)?;
         let rays = job.rays().unwrap_or(MANY_RAYS);
         let cost = job.cost(method, rays);
@@ -382,7 +364,7 @@ impl Way {
 }
 
 /// Who asks for an order wants expansions.
-fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>, many: bool) -> Way {
+fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>) -> Way {
     if options.method != Method::Auto {
         return Way::only(options.method, "asked for");
     }
@@ -396,7 +378,7 @@ fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>, ma
     let mut candidates = vec![(Method::Direct, 0), (Method::Fmm, 0)];
     let bounces = options.max_bounces != Some(0);
     let expected = job.rays();
-    if job.sketch.contrast > 0.0 && !many && !job.open && bounces {
+    if job.sketch.contrast > 0.0 && !job.open && bounces {
         candidates.push((Method::Gather, expected.unwrap_or(MANY_RAYS)));
     }
     let mut costs: Vec<(Method, Cost)> = (candidates.into_iter())
