@@ -47,6 +47,20 @@ fn furnace() {
     assert!(row_sum.max < 1.02 && (row_sum.mean - 1.0).abs() < 1e-6);
 }
 
+/// Where nothing is reflected no ray is cast, and the sampled lights are verified all the same.
+#[test]
+fn lights_alone_are_verified() {
+    for (name, max_bounces) in [("plates_parallel", None), ("cornell", Some(0))] {
+        let options = Options {
+            max_bounces,
+            ..Options::default()
+        };
+        let stats = solve(&scene(name, 2000), &options).stats;
+        assert_eq!((stats.method, stats.rays), (Method::Gather, None));
+        assert!(stats.error.is_some_and(|error| error.met));
+    }
+}
+
 /// In a sphere every place gets the same light from every other: with a cap of the part f of its
 /// surface that emits 1, and the reflectance ρ, the irradiance is f / (1 - ρ) everywhere.
 #[test]

@@ -31,6 +31,8 @@ pub(super) struct Amplified {
     /// What 2 r·G r + |G r|² would be if the errors of the receivers had random signs: how well it is
     /// known.
     chance: f64,
+    /// Whether there is no chance in it, as the error of every surfel is known.
+    complete: bool,
 }
 
 /// Carries errors on of which there are two estimates at the receivers, each of which stands for its
@@ -48,11 +50,13 @@ pub(super) fn amplified<O: TransportOperator>(
     progress: &dyn Progress,
 ) -> Result<Amplified> {
     let n = surfels.len();
+    let complete = receivers.len() == n && errors[0] == errors[1];
     let unit = receivers.mean(errors[0].iter().map(|e| e * e)).sqrt();
     let mut amplified = Amplified {
         carried: [(); 2].map(|()| vec![0.0; receivers.len()]),
         square: 0.0,
         chance: 0.0,
+        complete,
     };
     if unit == 0.0 {
         return Ok(amplified);
@@ -101,7 +105,7 @@ pub(super) fn amplified<O: TransportOperator>(
                 *carried = at.collect();
             }
             // One draw will do where it hardly counts.
-            if chance.z < NEGLIGIBLE * unit * unit {
+            if complete || chance.z < NEGLIGIBLE * unit * unit {
                 break;
             }
         } else {
@@ -136,7 +140,10 @@ impl Amplified {
         let scale = 1.0 / (whole * whole);
         let added = scale * (twice + self.square);
         let likely = added.max(0.0);
-        let deviation = DEVIATIONS * (scale * self.chance).sqrt();
+        let deviation = match self.complete {
+            true => RESIDUAL * likely.sqrt(),
+            false => DEVIATIONS * (scale * self.chance).sqrt(),
+        };
         let most = (likely.sqrt() + deviation).powi(2);
         let least = (likely.sqrt() - deviation).max(0.0).powi(2).min(likely);
         // Both are uncertain, and independently.

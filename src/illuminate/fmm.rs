@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::time::Instant;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 use super::even::even;
 use super::linked::Linked;
@@ -91,9 +91,8 @@ impl Task<'_> {
             seconds += clock.elapsed().as_secs_f64();
             Ok::<_, Error>(bounced)
         };
-        let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
         let dark = direct.irradiance.iter().all(|h| *h == DVec3::ZERO);
-        let mut before = match black || dark || self.max_bounces == Some(0) {
+        let mut before = match dark || !self.reflects() {
             true => None,
             false => Some(stages.next(|| self.rough(&direct, linked, &mut solve))?),
         };

@@ -25,7 +25,7 @@ pub struct Claim<'a> {
 }
 
 /// Differences between a solution and estimates of it at one receiver.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Default, PartialEq)]
 pub(super) struct Off {
     /// Of light straight from shining surfels.
     pub(super) emitted: DVec3,
@@ -125,6 +125,12 @@ impl Off {
 }
 
 impl Measured {
+    /// Whether the error of every surfel is known: there is no chance in it.
+    pub(super) fn is_complete(&self, claim: &Claim) -> bool {
+        let [a, b] = &self.off;
+        self.receivers.len() == claim.irradiance.len() && a == b
+    }
+
     /// What was claimed of the sampled lights, of which so far only the truth was taken off.
     pub(super) fn close(&mut self, claim: &Claim) {
         for off in &mut self.off {

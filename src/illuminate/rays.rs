@@ -99,9 +99,7 @@ impl Task<'_> {
         let smoother = self.smoother()?;
         let mut lights = self.tolerance;
         let mut direct = self.direct_light(lights, None, Some(&smoother), repairs)?;
-        let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
-        let dark = direct.irradiance.iter().all(|h| *h == DVec3::ZERO);
-        if black || dark || self.max_bounces == Some(0) {
+        if direct.irradiance.iter().all(|h| *h == DVec3::ZERO) {
             return Ok(Solved::without_reflection(direct.irradiance));
         }
         let cast = match kept {

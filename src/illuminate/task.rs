@@ -105,6 +105,12 @@ impl<'a> Task<'a> {
 }
 
 impl Task<'_> {
+    /// Whether there are surfels that reflect, and bounces to follow.
+    pub fn reflects(&self) -> bool {
+        let black = self.surfels.reflectance.iter().all(|r| *r == Vec3::ZERO);
+        !black && self.max_bounces != Some(0)
+    }
+
     /// Everything by exact sums.
     pub fn direct(&self, repairs: &mut Vec<String>) -> Result<Solved> {
         let operator = Direct::new(self.surfels, self.visibility, self.progress)?;

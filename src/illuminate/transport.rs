@@ -261,6 +261,10 @@ impl Transport {
         let mut repairs = geometry.repairs.clone();
         let (mut method, mut solved) = match self.method {
             Method::Fmm => (Method::Fmm, task.fmm(&mut self.linked, &mut repairs)?),
+            // Lights alone, which are the same.
+            Method::Gather if !task.reflects() => {
+                (Method::Gather, task.fmm(&mut self.linked, &mut repairs)?)
+            }
             method => {
                 let way = Way {
                     method,

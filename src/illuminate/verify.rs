@@ -17,14 +17,14 @@ use rand_pcg::Pcg64Mcg;
 use super::amplified::{Amplified, amplified};
 pub use super::measured::{Claim, Measured};
 use super::measured::{DARK, Off, Part};
-use super::quantiles;
+use super::quantiles::{self, Interval};
 use super::receivers::Receivers;
 pub use super::verified::{Errors, Verified};
 use crate::error::Result;
 use crate::expansion::Surface;
 use crate::lights::visible_sky;
 use crate::octree::Octree;
-use crate::operator::{Draw, Sampler, TransportOperator, exact_irradiance};
+use crate::operator::{Draw, Sampler, TransportOperator, exact_irradiances};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::random::{Purpose, stream};
@@ -145,19 +145,18 @@ impl Verifier<'_> {
             .iter()
             .map(|&i| i as usize)
             .collect();
-        // Both fields want the same segments: red, green and blue of one after the other would test
-        // them twice.
-        for (light, field) in [
-            (Light::Reflected, claim.reflected),
-            (Light::Emitted, emission.as_slice()),
-        ] {
-            if field.iter().all(|b| *b == DVec3::ZERO) {
-                continue;
-            }
-            let sums = exact_irradiance(self.surfels, self.visibility, &rows, field)?;
+        let fields = [claim.reflected, emission.as_slice()];
+        if fields
+            .iter()
+            .flat_map(|f| f.iter())
+            .any(|b| *b != DVec3::ZERO)
+        {
+            let sums = exact_irradiances(self.surfels, self.visibility, &rows, fields)?;
             measured.segments += (rows.len() * self.surfels.len() / 2) as u64;
-            for (k, (truth, _)) in sums.into_iter().enumerate() {
-                let off = self.off(claim, measured.receivers.surfels[k], light, truth);
+            for (k, ([reflected, emitted], _)) in sums.into_iter().enumerate() {
+                let i = measured.receivers.surfels[k];
+                let mut off = self.off(claim, i, Light::Reflected, reflected);
+                off.add(self.off(claim, i, Light::Emitted, emitted));
                 for half in &mut measured.off {
                     half[k].add(off);
                 }
@@ -400,7 +399,12 @@ impl Verifier<'_> {
         let squares = receivers.weighted(both().map(|(a, b)| a.dot(*b)));
         let signed = receivers.weighted(both().map(|(a, b)| (*a + *b).element_sum() / 2.0));
         let mut random = stream(self.seed, Purpose::Verify, 0);
-        let one_bounce = quantiles::mean(&squares, &mut random).root().over(rms);
+        let complete = measured.is_complete(claim);
+        let mut mean_of = |sample: &[f64]| match complete {
+            true => Interval::exactly(sample.iter().sum::<f64>() / sample.len() as f64),
+            false => quantiles::mean(sample, &mut random),
+        };
+        let one_bounce = mean_of(&squares).root().over(rms);
         let sum: f64 = claim.sum(part);
         let relative = (receivers.surfels.iter().zip(part.of(&measured.best))).map(|(&i, off)| {
             let truth = claim.part(part, i as usize) - off;
@@ -414,14 +418,18 @@ impl Verifier<'_> {
                 carried.added_to(one_bounce, receivers, [&a, &b], claim.grey(part))
             }
         };
+        let quantile = |part| match (complete, quantiles::of(&sorted, part)) {
+            (true, known) => Interval::exactly(known.value),
+            (false, known) => known,
+        };
         Errors {
             one_bounce,
             rel_l2,
-            median: quantiles::of(&sorted, 0.5),
-            p95: quantiles::of(&sorted, 0.95),
-            p99: quantiles::of(&sorted, 0.99),
+            median: quantile(0.5),
+            p95: quantile(0.95),
+            p99: quantile(0.99),
             max: sorted.last().map_or(0.0, |(off, _)| *off),
-            bias: quantiles::mean(&signed, &mut random).over(sum),
+            bias: mean_of(&signed).over(sum),
         }
     }
 }

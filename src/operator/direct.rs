@@ -46,7 +46,7 @@ impl Direct {
         let surface = Surface::<f64>::new(surfels);
         let mut visible = vec![0u64; n * words];
         progress.stage("visibility", n as u64);
-        for block in blocks(n) {
+        for block in blocks_of(n, n) {
             progress.check()?;
             let partners: Vec<Vec<u32>> = block
                 .clone()
@@ -113,30 +113,62 @@ pub fn exact_irradiance(
     receivers: &[usize],
     radiosity: &[DVec3],
 ) -> Result<Vec<(DVec3, f64)>> {
-    let surface = Surface::<f64>::new(surfels);
-    receivers
-        .iter()
-        .map(|&i| {
-            let partners: Vec<(usize, f64)> = (0..surfels.len())
-                .into_par_iter()
-                .map(|j| (j, surface.form_factor(i, j)))
-                .filter(|&(_, f)| f > 0.0)
-                .collect();
-            let segments: Vec<Segment> = partners
-                .iter()
-                .map(|&(j, _)| surfels.segment(i.min(j), i.max(j)))
-                .collect();
-            let visible = visibility.visible(&segments)?;
-            let seen = partners.iter().zip(visible).filter(|&(_, v)| v);
-            Ok(seen.fold((DVec3::ZERO, 0.0), |(h, sum), (&(j, f), _)| {
-                (h + radiosity[j] * f, sum + f)
-            }))
-        })
-        .collect()
+    let rows = exact_irradiances(surfels, visibility, receivers, [radiosity])?;
+    Ok(rows.into_iter().map(|([h], sum)| (h, sum)).collect())
 }
 
-/// Receivers in blocks whose segments fit into memory together.
-fn blocks(n: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
+/// The same from several radiosities at once.
+pub fn exact_irradiances<const FIELDS: usize>(
+    surfels: &Surfels,
+    visibility: &dyn Visibility,
+    receivers: &[usize],
+    radiosities: [&[DVec3]; FIELDS],
+) -> Result<Vec<([DVec3; FIELDS], f64)>> {
+    let n = surfels.len();
+    let surface = Surface::<f64>::new(surfels);
+    let partners = |&i: &usize| -> Vec<(usize, f64)> {
+        (0..n)
+            .into_par_iter()
+            .map(|j| (j, surface.form_factor(i, j)))
+            .filter(|&(_, f)| f > 0.0)
+            .collect()
+    };
+    let mut rows = Vec::with_capacity(receivers.len());
+    for block in blocks_of(receivers.len(), n) {
+        let receivers = &receivers[block];
+        let partners: Vec<_> = receivers.par_iter().map(partners).collect();
+        let of_row = |(&i, partners): (&usize, &Vec<(usize, f64)>)| -> Vec<Segment> {
+            let segment = |&(j, _): &(usize, f64)| surfels.segment(i.min(j), i.max(j));
+            partners.iter().map(segment).collect()
+        };
+        let segments: Vec<Segment> = (receivers.par_iter().zip(&partners))
+            .flat_map_iter(of_row)
+            .collect();
+        let visible = visibility.visible(&segments)?;
+        let mut rest = visible.as_slice();
+        let answers: Vec<&[bool]> = (partners.iter())
+            .map(|partners| rest.split_off(..partners.len()).unwrap_or_default())
+            .collect();
+        rows.par_extend(partners.par_iter().zip(answers).map(|(partners, visible)| {
+            let seen = partners.iter().zip(visible).filter(|&(_, &v)| v);
+            seen.fold(
+                ([DVec3::ZERO; FIELDS], 0.0),
+                |(mut h, sum), (&(j, f), _)| {
+                    for (h, radiosity) in h.iter_mut().zip(radiosities) {
+                        *h += radiosity[j] * f;
+                    }
+                    (h, sum + f)
+                },
+            )
+        }));
+    }
+    Ok(rows)
+}
+
+/// Receivers, of `count`, in blocks whose segments fit into memory together, `n` of each.
+fn blocks_of(count: usize, n: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
     let size = ((1 << 22) / n.max(1)).clamp(1, 256);
-    (0..n).step_by(size).map(move |i| i..(i + size).min(n))
+    (0..count)
+        .step_by(size)
+        .map(move |i| i..(i + size).min(count))
 }

@@ -12,7 +12,7 @@ mod sampled;
 mod trial;
 
 pub use all_pairs::AllPairs;
-pub use direct::{Direct, exact_irradiance};
+pub use direct::{Direct, exact_irradiance, exact_irradiances};
 pub use fields::{Fields, HostFields};
 pub use fmm::Fmm;
 pub use gpu::GpuFmm;

@@ -332,16 +332,16 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
     }
 }
 
-/// More rays than expected add to those that are there, and links of rough scans take much longer than
-/// expected: rays count so many times, where all is flat and where all is curved or rough.
-const RAYS_FIRST: [f64; 2] = [0.8, 0.5];
+/// Links may take more rounds than expected, the more so those of rough scans, while more rays add to those
+/// that are there, and exact sums take one: links count so many times, where all is flat and where all is
+/// curved or rough, and exact sums.
+const BY_LINKS: [f64; 2] = [1.25, 2.0];
+const BY_SUMS: f64 = 0.65;
 /// Rays that are not expected to do count so many times: they may do all the same, and are tried where that
 /// adds little to what else it takes.
 const RAYS_TRIED: f64 = 7.0;
 /// Rays are given up where they would take more than this part of what then follows.
 const GIVEN_UP: f64 = 0.5;
-/// Links may take more rounds than expected, exact sums take one: these count so many times.
-const EXACT_FIRST: f64 = 0.65;
 
 /// How to solve, and why.
 struct Way {
@@ -389,11 +389,11 @@ fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>) ->
         let too_large = free.is_some_and(|free| cost.bytes() > free);
         let weight = match method {
             Method::Gather if expected.is_none() => RAYS_TRIED,
-            Method::Gather => {
-                let [flat, rough] = RAYS_FIRST;
+            Method::Fmm => {
+                let [flat, rough] = BY_LINKS;
                 flat + (rough - flat) * job.sketch.curved
             }
-            Method::Direct => EXACT_FIRST,
+            Method::Direct => BY_SUMS,
             _ => 1.0,
         };
         (too_large, weight * cost.seconds())

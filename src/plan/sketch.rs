@@ -16,8 +16,9 @@ use crate::random::{Purpose, stream};
 use crate::scene::Scene;
 use crate::visibility::{CpuVisibility, NothingInTheWay, Occluders, Visibility};
 
-/// Points that are looked at.
+/// Points that are looked at, at most, and the part of a small cloud that is enough.
 const POINTS: usize = 1000;
+const ENOUGH: f64 = 0.33;
 /// Points whose neighbours tell their normals.
 const WITHOUT_NORMALS: usize = 20_000;
 /// Segments between them that are tested.
@@ -178,7 +179,7 @@ fn overlooked(scene: &Scene) -> f64 {
             })
             .sum()
     };
-    let step = positions.len().div_ceil(POINTS).max(1);
+    let step = positions.len().div_ceil(looked_at(positions.len())).max(1);
     let mut sums = [[0.0; 3]; 2];
     for (i, p) in positions.iter().enumerate() {
         let light = light(p);
@@ -198,18 +199,24 @@ fn overlooked(scene: &Scene) -> f64 {
     }
 }
 
+/// How many of so many points are looked at.
+fn looked_at(points: usize) -> usize {
+    ((ENOUGH * points as f64) as usize).clamp(1, POINTS)
+}
+
 /// Every so many points, as if they were the whole cloud. Normals that are missing are found among
 /// more of them.
 fn some(scene: &Scene) -> Result<PointCloud> {
     let cloud = &scene.cloud;
     let missing = cloud.normals.len() < cloud.len() || cloud.normals.contains(&Vec3::ZERO);
+    let enough = looked_at(cloud.len());
     if !missing {
-        return Ok(every(cloud, POINTS));
+        return Ok(every(cloud, enough));
     }
     let mut many = every(cloud, WITHOUT_NORMALS);
     let lamps: Vec<DVec3> = scene.lights.iter().map(|light| light.position).collect();
     many.estimate_normals(&Facing::Auto, &lamps, &Silent)?;
-    Ok(every(&many, POINTS))
+    Ok(every(&many, enough))
 }
 
 fn every(cloud: &PointCloud, most: usize) -> PointCloud {
