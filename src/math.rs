@@ -7,25 +7,26 @@ use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 use glam::{DVec3, Vec3, Vec3A};
 
+/// A real, or some of which each goes its own way.
+pub trait Numbers<T>:
+    Copy + Default + Add<Output = Self> + AddAssign + Mul<T, Output = Self> + Mul<Self, Output = Self>
+{
+    fn splat(x: T) -> Self;
+}
+
 /// A vector of three reals: a place, a direction, or red, green and blue.
 pub trait Vector<T>:
-    Copy
+    Numbers<T>
     + Debug
-    + Default
     + Send
     + Sync
     + 'static
     + PartialEq
-    + Add<Output = Self>
-    + AddAssign
     + Sub<Output = Self>
     + SubAssign
     + Neg<Output = Self>
-    + Mul<T, Output = Self>
-    + Mul<Self, Output = Self>
 {
     fn new(x: T, y: T, z: T) -> Self;
-    fn splat(x: T) -> Self;
     /// From storage, which is f32 for both reals.
     fn from_f32(v: Vec3) -> Self;
     fn to_f32(self) -> Vec3;
@@ -37,18 +38,14 @@ pub trait Vector<T>:
 
 /// A real number: f32 or f64.
 pub trait Real:
-    Copy
+    Numbers<Self>
     + Debug
-    + Default
     + Send
     + Sync
     + 'static
     + PartialOrd
-    + Add<Output = Self>
-    + AddAssign
     + Sub<Output = Self>
     + SubAssign
-    + Mul<Output = Self>
     + Div<Output = Self>
     + Neg<Output = Self>
     + Sum
@@ -75,14 +72,17 @@ pub trait Real:
 
 macro_rules! vector {
     ($t:ty, $v:ty, $from:expr, $to:expr) => {
+        impl Numbers<$t> for $v {
+            #[inline(always)]
+            fn splat(x: $t) -> Self {
+                <$v>::splat(x)
+            }
+        }
+
         impl Vector<$t> for $v {
             #[inline(always)]
             fn new(x: $t, y: $t, z: $t) -> Self {
                 <$v>::new(x, y, z)
-            }
-            #[inline(always)]
-            fn splat(x: $t) -> Self {
-                <$v>::splat(x)
             }
             #[inline(always)]
             fn from_f32(v: Vec3) -> Self {
@@ -118,6 +118,13 @@ vector!(f64, DVec3, |v: Vec3| v.as_dvec3(), |v: DVec3| v.as_vec3());
 
 macro_rules! real {
     ($t:ty, $v:ty, $rgb:ty, $pi:expr) => {
+        impl Numbers<$t> for $t {
+            #[inline(always)]
+            fn splat(x: $t) -> Self {
+                x
+            }
+        }
+
         impl Real for $t {
             type Vec3 = $v;
             type Rgb = $rgb;

@@ -6,7 +6,7 @@ mod clusters;
 
 use clouds::{direction, random, rotation};
 use clusters::{Cluster, difference, vector, wide};
-use fmmgi_gpu::expansion::{Indices, Workspace, coefficients};
+use fmmgi_gpu::expansion::{Indices, Link, Workspace, coefficients};
 use fmmgi_gpu::math::Real;
 use glam::{DQuat, DVec3};
 
@@ -94,6 +94,65 @@ fn transport<T: Real>(
         let place = vector::<T>((*x - target.centre) / radius);
         wide::<T>(workspace.l2p(&local, vector::<T>(*n), place))
     })
+}
+
+/// Light of some clusters by one link each, and by all side by side: the same but for rounding.
+fn side_by_side<T: Real>(order: usize, links: usize) -> f64 {
+    let indices = Indices::new(order);
+    let mut workspace = Workspace::<T>::new(&indices);
+    let mut rng = random(links as u64);
+    let real = T::from_f64;
+    let sources: Vec<(Vec<T::Rgb>, DVec3, f64, f64)> = (0..links)
+        .map(|k| {
+            let u = direction(&mut rng);
+            let radius = 0.02 + 0.01 * k as f64;
+            let source = Cluster::ball(&mut rng, DVec3::ZERO, u, radius, 10);
+            let moments = source.moments(&mut workspace, order, source.centre, radius);
+            (
+                moments,
+                u * (1.0 + 0.1 * k as f64),
+                radius,
+                1.0 / (1.0 + k as f64),
+            )
+        })
+        .collect();
+    let zeros = || vec![T::Rgb::default(); coefficients(order)];
+    let (mut one_by_one, mut all) = (zeros(), zeros());
+    let scale = real(0.1);
+    for (moments, way, radius, part) in &sources {
+        let (way, scales) = (vector::<T>(*way), [real(*radius), scale]);
+        workspace.m2l(order, moments, way, scales, real(*part), &mut one_by_one);
+    }
+    let links = sources.iter().map(|(moments, way, radius, part)| Link {
+        moments,
+        way: vector::<T>(*way),
+        scale: real(*radius),
+        fraction: real(*part),
+    });
+    workspace.m2l_of_all(order, links, scale, &mut all);
+    let [mut off, mut whole] = [0.0; 2];
+    for (a, b) in all.iter().zip(&one_by_one) {
+        let [a, b] = [*a, *b].map(|v| wide::<T>(v));
+        off += a.distance_squared(b);
+        whole += b.length_squared();
+    }
+    (off / whole).sqrt()
+}
+
+/// With any number of them: some lanes are left over.
+#[test]
+fn links_side_by_side_are_links_one_by_one() {
+    for order in [0, 1, 2, 3] {
+        for links in [1, 2, 7, 8, 9, 16, 29] {
+            let [single, double] =
+                [side_by_side::<f32>, side_by_side::<f64>].map(|of| of(order, links));
+            assert!(
+                single < 4.0 * f64::from(f32::EPSILON),
+                "{order} {links}: {single:e}"
+            );
+            assert!(double < 4.0 * f64::EPSILON, "{order} {links}: {double:e}");
+        }
+    }
 }
 
 const WAYS: [Way; 4] = [Way::M2l, Way::Tree, Way::P2l, Way::M2p];

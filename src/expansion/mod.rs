@@ -17,4 +17,4 @@ mod tensor;
 pub use bound::{expected_error, least_order, remainder};
 pub use form_factor::polygon_form_factor;
 pub use kernel::{NEAR_SPACINGS, Surface, point_kernel};
-pub use tensor::{Expansions, Indices, Workspace, coefficients, count, position};
+pub use tensor::{Expansions, Indices, Link, Workspace, coefficients, count, position};

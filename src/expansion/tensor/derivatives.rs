@@ -1,7 +1,7 @@
 //! Derivatives of T(r) = r rᵀ/r⁴.
 
 use super::indices::{degree, factorial, position};
-use crate::math::{Real, Vector};
+use crate::math::{Numbers, Real};
 
 /// How the derivatives of one multi-index γ come from those of lower ones.
 ///
@@ -36,20 +36,20 @@ impl Term {
     }
 
     /// Fills in index `i` of the Taylor coefficients of 1/r⁴ and r/r⁴ and of the derivatives of
-    /// r rᵀ/r⁴ (xx, xy, xz, yy, yz, zz). All lanes hold the same number, so that they can be
-    /// multiplied with colours.
+    /// r rᵀ/r⁴ (xx, xy, xz, yy, yz, zz). Either numbers, or
+    /// vectors of which all lanes hold the same, so that they can be multiplied with colours.
     #[inline(always)]
-    pub fn derive<T: Real>(
+    pub fn derive<T: Real, C: Numbers<T>>(
         &self,
         i: usize,
-        u: [T::Rgb; 3],
-        inverse: &mut [T::Rgb],
-        vector: &mut [[T::Rgb; 3]],
-        tensor: &mut [[T::Rgb; 6]],
+        u: [C; 3],
+        inverse: &mut [C],
+        vector: &mut [[C; 3]],
+        tensor: &mut [[C; 6]],
     ) {
-        let mut c = T::Rgb::splat(T::ONE);
+        let mut c = C::splat(T::ONE);
         if i > 0 {
-            let [mut first, mut second] = [T::Rgb::default(); 2];
+            let [mut first, mut second] = [C::default(); 2];
             for k in 0..3 {
                 if let Some(l) = self.lower[k] {
                     first += u[k] * inverse[l];

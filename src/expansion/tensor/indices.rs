@@ -1,6 +1,7 @@
 //! Tables of multi-indices.
 
 /// Number of multi-indices of degree up to `order`: C(order + 3, 3).
+#[inline(always)]
 pub const fn count(order: usize) -> usize {
     (order + 1) * (order + 2) * (order + 3) / 6
 }

@@ -3,8 +3,9 @@
 use std::f64::consts::FRAC_1_PI;
 
 use super::indices::{Indices, count};
+use super::side_by_side::{self, Link};
 use super::{Workspace, parts, parts_mut, written_out};
-use crate::math::{Real, Vector};
+use crate::math::{Numbers, Real, Vector};
 
 impl<T: Real> Workspace<'_, T> {
     /// M2L: adds the field of the moments `source` times the visible `fraction`, of an order that
@@ -32,10 +33,27 @@ impl<T: Real> Workspace<'_, T> {
             }
         };
         match order {
-            0 => written_out::convolve_0::<T>(tensor, moments, add),
-            1 => written_out::convolve_1::<T>(tensor, moments, add),
-            2 => written_out::convolve_2::<T>(tensor, moments, add),
+            0 => written_out::convolve_0::<T, T::Rgb>(tensor, moments, add),
+            1 => written_out::convolve_1::<T, T::Rgb>(tensor, moments, add),
+            2 => written_out::convolve_2::<T, T::Rgb>(tensor, moments, add),
             _ => convolve::<T>(self.indices, order, tensor, moments, add),
+        }
+    }
+
+    /// [`m2l`](Self::m2l) of all links of one order to an expansion with this scale.
+    pub fn m2l_of_all<'m>(
+        &mut self,
+        order: usize,
+        links: impl Iterator<Item = Link<'m, T>>,
+        scale: T,
+        local: &mut [T::Rgb],
+    ) {
+        match order {
+            side_by_side::ORDER => side_by_side::m2l(links, scale, local),
+            _ => links.for_each(|link| {
+                let scales = [link.scale, scale];
+                self.m2l(order, link.moments, link.way, scales, link.fraction, local);
+            }),
         }
     }
 
@@ -128,19 +146,19 @@ fn convolve<T: Real>(
     for degree in 0..=order {
         let moments = &moments[..count(order - degree)];
         for b in Indices::of_degree(degree) {
-            field(b, contract::<T>(tensor, moments, indices.sums(b)));
+            field(b, contract::<T, T::Rgb>(tensor, moments, indices.sums(b)));
         }
     }
 }
 
 /// Σ_α T^(α+β) M^α, with the places of all α + β.
 #[inline(always)]
-pub(super) fn contract<T: Real>(
-    tensor: &[[T::Rgb; 6]],
-    moments: &[[T::Rgb; 3]],
+pub(super) fn contract<T: Real, C: Numbers<T>>(
+    tensor: &[[C; 6]],
+    moments: &[[C; 3]],
     sums: &[u16],
-) -> [T::Rgb; 3] {
-    let mut field = [T::Rgb::default(); 3];
+) -> [C; 3] {
+    let mut field = [C::default(); 3];
     for (m, &sum) in moments.iter().zip(sums) {
         let product = apply(&tensor[usize::from(sum)], m);
         for i in 0..3 {

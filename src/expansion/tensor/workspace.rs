@@ -1,7 +1,7 @@
 use super::derivatives::{Term, lower};
 use super::indices::{Indices, count, factorial};
 use super::written_out;
-use crate::math::{Real, Vector};
+use crate::math::{Numbers, Real, Vector};
 
 /// What the passes of one thread need on the way: tables in its reals and room for what comes
 /// between. Its methods are the passes for one surfel, facet or link each.
@@ -67,13 +67,14 @@ impl<'a, T: Real> Workspace<'a, T> {
     pub(super) fn derive(&mut self, order: usize, u: T::Vec3) {
         let u = u.to_array().map(T::Rgb::splat);
         match order {
-            0 => written_out::derive_0::<T>(u, &mut self.tensor),
-            1 => written_out::derive_1::<T>(u, &mut self.tensor),
-            2 => written_out::derive_2::<T>(u, &mut self.tensor),
-            3 => written_out::derive_3::<T>(u, &mut self.tensor),
+            0 => written_out::derive_0::<T, T::Rgb>(u, &mut self.tensor),
+            1 => written_out::derive_1::<T, T::Rgb>(u, &mut self.tensor),
+            2 => written_out::derive_2::<T, T::Rgb>(u, &mut self.tensor),
+            3 => written_out::derive_3::<T, T::Rgb>(u, &mut self.tensor),
             _ => {
+                let (inverse, vector) = (&mut self.inverse, &mut self.vector);
                 for (i, term) in self.terms[..count(order)].iter().enumerate() {
-                    term.derive::<T>(i, u, &mut self.inverse, &mut self.vector, &mut self.tensor);
+                    term.derive::<T, T::Rgb>(i, u, inverse, vector, &mut self.tensor);
                 }
             }
         }

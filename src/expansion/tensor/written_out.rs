@@ -5,20 +5,22 @@
 use super::derivatives::Term;
 use super::indices::{count, degree, exponents, sums};
 use super::interact::contract;
-use crate::math::Real;
+use crate::math::{Numbers, Real};
 
 const EXPONENTS: [[u8; 3]; count(3)] = exponents();
 
 macro_rules! written_out {
     ($order:literal, $derive:ident, $($i:literal)*) => {
         /// Derivatives of r rᵀ/r⁴ at the unit vector u.
-        pub(super) fn $derive<T: Real>(u: [T::Rgb; 3], tensor: &mut [[T::Rgb; 6]]) {
-            let mut inverse = [T::Rgb::default(); count($order)];
-            let mut vector = [[T::Rgb::default(); 3]; count($order)];
-            let tensor = &mut tensor[..count($order)];
+        #[inline(always)]
+        pub(super) fn $derive<T: Real, C: Numbers<T>>(u: [C; 3], tensor: &mut [[C; 6]]) {
+            let mut inverse = [C::default(); count($order)];
+            let mut vector = [[C::default(); 3]; count($order)];
+            const COUNT: usize = count($order);
+            let tensor = &mut tensor[..COUNT];
             $({
                 const TERM: Term = Term::new(EXPONENTS[$i]);
-                TERM.derive::<T>($i, u, &mut inverse, &mut vector, tensor);
+                TERM.derive::<T, C>($i, u, &mut inverse, &mut vector, tensor);
             })*
         }
     };
@@ -27,16 +29,17 @@ macro_rules! written_out {
 
         /// Σ_α T^(α+β) M^α for every β.
         #[inline(always)]
-        pub(super) fn $convolve<T: Real>(
-            tensor: &[[T::Rgb; 6]],
-            moments: &[[T::Rgb; 3]],
-            mut field: impl FnMut(usize, [T::Rgb; 3]),
+        pub(super) fn $convolve<T: Real, C: Numbers<T>>(
+            tensor: &[[C; 6]],
+            moments: &[[C; 3]],
+            mut field: impl FnMut(usize, [C; 3]),
         ) {
-            let tensor = &tensor[..count($order)];
+            const COUNT: usize = count($order);
+            let tensor = &tensor[..COUNT];
             $({
                 const DEGREE: usize = degree(EXPONENTS[$i]);
                 const SUMS: [u16; count($order - DEGREE)] = sums(EXPONENTS[$i]);
-                field($i, contract::<T>(tensor, &moments[..SUMS.len()], &SUMS));
+                field($i, contract::<T, C>(tensor, &moments[..SUMS.len()], &SUMS));
             })*
         }
     };

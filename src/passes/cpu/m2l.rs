@@ -1,7 +1,7 @@
 use rayon::prelude::*;
 
 use super::{centre, scale};
-use crate::expansion::{Expansions, Workspace};
+use crate::expansion::{Expansions, Link, Workspace};
 use crate::links::Links;
 use crate::math::Real;
 use crate::octree::Octree;
@@ -20,17 +20,16 @@ pub fn m2l<T: Real>(octree: &Octree, links: &Links, moments: &Expansions<T>) -> 
             || Workspace::<T>::new(indices),
             |workspace, (t, (local, target))| {
                 for (order, rows) in links.m2l.iter().enumerate() {
-                    for (s, fraction) in rows.row(t) {
+                    let links = rows.row(t).map(|(s, fraction)| {
                         let source = &octree.facets[s];
-                        workspace.m2l(
-                            order,
-                            moments.of(s),
-                            centre::<T>(target) - centre::<T>(source),
-                            [scale(source), scale(target)],
-                            T::from_f32(fraction),
-                            local,
-                        );
-                    }
+                        Link {
+                            moments: moments.of(s),
+                            way: centre::<T>(target) - centre::<T>(source),
+                            scale: scale(source),
+                            fraction: T::from_f32(fraction),
+                        }
+                    });
+                    workspace.m2l_of_all(order, links, scale(target), local);
                 }
                 for (s, kernel) in links.sampled.row(t) {
                     local[0] += moments.of(s)[0] * T::from_f32(kernel);
