@@ -24,7 +24,8 @@ use crate::visibility::Visibility;
 const ERROR_A_LINK: f64 = 0.25;
 /// Links are made at most so many times.
 const ROUNDS: u64 = 5;
-/// Part of the segments of a solution that its verification may test, at a first look.
+/// Part of the segments of a solution that its verification may test in a round, at a first look and at a
+/// second one.
 const VERIFICATION: f64 = 0.05;
 /// All pairs of a small cloud are summed at a second look, if they are no more than so many times what the first
 /// one may test: a third of the solution's.
@@ -99,6 +100,7 @@ impl Task<'_> {
         let mut history: Vec<(f64, f64)> = Vec::new();
         let mut best: Option<Solved> = None;
         let (mut verification, mut in_vain) = (0.0, 0);
+        let mut tested = 0;
         for round in 0..ROUNDS {
             let found = before.as_ref().map(|before| {
                 let irradiance = Some(before.irradiance.as_slice());
@@ -127,9 +129,10 @@ impl Task<'_> {
             let clock = Instant::now();
             let claimed = found.as_ref().map(|bounced| (linked.links(), bounced));
             let model = best.as_ref().and_then(|last| last.model_error);
-            let tested = budget(visibility.segments());
+            let segments = [visibility.segments(), tested];
             let (verified, model) =
-                stages.next(|| self.verify_round(&direct, claimed, tested, model, round))?;
+                stages.next(|| self.verify_round(&direct, claimed, segments, model, round))?;
+            tested += verified.segments;
             verification += clock.elapsed().as_secs_f64();
             self.progress.note(&format!(
                 "links within {:.1e}, lights within {:.1e}: {verified}",
@@ -206,16 +209,17 @@ impl Task<'_> {
         solve(&mut rough, &work)
     }
 
-    /// The error of a round, found by some segments, and that of the model, which the first round finds
-    /// out.
+    /// The error of a round, and that of the model, which the first round finds out. `segments` are those that
+    /// the solution took, and those that verified rounds before.
     pub(super) fn verify_round(
         &self,
         direct: &DirectLight,
         found: Option<(&Links, &Bounced)>,
-        budget: u64,
+        [segments, tested]: [u64; 2],
         model: Option<f64>,
         round: u64,
     ) -> Result<(Verified, Option<f64>)> {
+        let budget = budget(segments, tested);
         let look = |again: u64, budget| self.verify(direct, found, budget, 2 * round + again);
         let mut verified = look(0, budget)?;
         let model = match round {
@@ -239,7 +243,7 @@ impl Task<'_> {
         let all_pairs = n * n / 2;
         if !verified.met
             && worth
-            && all_pairs <= ALL_PAIRS * budget
+            && all_pairs <= ALL_PAIRS * self::budget(segments, 0)
             && verified.error() <= tolerance
         {
             verified = look(1, all_pairs)?;
@@ -315,9 +319,10 @@ impl Task<'_> {
     }
 }
 
-/// Segments that may be tested to verify what took so many.
-pub(super) fn budget(segments: u64) -> u64 {
-    ((VERIFICATION * segments as f64) as u64).max(LEAST_SEGMENTS)
+/// Segments that one look may test to verify what took so many; rounds before have tested some.
+fn budget(segments: u64, tested: u64) -> u64 {
+    let left = VERIFICATION * segments as f64 - 0.5 * tested as f64;
+    (left as u64).max(LEAST_SEGMENTS)
 }
 
 /// Factor on the tolerance of lights whose error is so many times too large.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bright::{Bright, Spots};
 use super::even::even;
-use super::fmm::{FINEST_LIGHTS, budget, finer_lights};
+use super::fmm::{FINEST_LIGHTS, finer_lights};
 use super::task::{Solve, Solved, Task, counts};
 use super::verified::Verified;
 use super::work::Bounced;
@@ -118,6 +118,8 @@ impl Task<'_> {
         // So many of the round before, if that had fewer.
         let (mut fewer, mut stuck_before) = (None::<u32>, false);
         let mut best: Option<(Solved, Verified)> = None;
+        // Segments by verifications so far.
+        let mut tested = 0;
         for round in 0.. {
             casting += cast.up_to(rays, self, occluders)?;
             let links = &cast.links;
@@ -139,9 +141,10 @@ impl Task<'_> {
             };
             let model = best.as_ref().and_then(|(last, _)| last.model_error);
             let newly_cast = u64::from(cast.count - before) * self.surfels.len() as u64;
-            let tested = budget(self.visibility.segments() + newly_cast);
+            let segments = [self.visibility.segments() + newly_cast, tested];
             let claimed = Some((links, &bounced));
-            let (verified, model) = self.verify_round(&direct, claimed, tested, model, round)?;
+            let (verified, model) = self.verify_round(&direct, claimed, segments, model, round)?;
+            tested += verified.segments;
             verification += verified.seconds;
             self.progress.note(&format!(
                 "{rays} rays from each point, lights within {lights:.1e}: {verified}"
@@ -204,10 +207,9 @@ impl Task<'_> {
                 false => enough(wrong, 2.0),
             };
             if next > first.most {
-                best = best.map(|(solved, verified)| {
-                    let in_vain = true;
-                    (Solved { in_vain, ..solved }, verified)
-                });
+                if let Some((solved, _)) = &mut best {
+                    solved.in_vain = true;
+                }
                 break;
             }
             if let Err(why) = check_memory(next) {
