@@ -194,8 +194,10 @@ impl Task<'_> {
             }
             let [least, most] = POWER;
             let power = fell.map_or(most, |power| power.clamp(least, most));
+            // One more look at whether they are in vain should cost little.
+            let most_more = if stuck { 2.0 } else { MOST_MORE };
             let enough = |wrong: f64, least: f64| {
-                let more = wrong.powf(1.0 / power).clamp(least, MOST_MORE);
+                let more = wrong.powf(1.0 / power).clamp(least, most_more);
                 let enough = (f64::from(rays) * more) as u32;
                 enough.next_power_of_two().min(*RAYS.end())
             };

@@ -339,7 +339,7 @@ const BY_LINKS: [f64; 2] = [1.25, 2.0];
 const BY_SUMS: f64 = 0.65;
 /// Rays that are not expected to do count so many times: they may do all the same, and are tried where that
 /// adds little to what else it takes.
-const RAYS_TRIED: f64 = 7.0;
+const RAYS_TRIED: f64 = 3.6;
 /// Rays are given up where they would take more than this part of what then follows.
 const GIVEN_UP: f64 = 0.5;
 
