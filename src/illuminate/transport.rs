@@ -59,7 +59,9 @@ pub struct Transport {
     plan: Option<Plan>,
     geometry: Geometry,
     linked: Linked,
+    /// What rays met, once they were cast.
     cast: Option<Cast>,
+    /// Who is next to whom, once it was asked for.
     around: OnceLock<Arc<Surroundings>>,
     device: Option<Device>,
     /// What making the geometry took, until it is told.
