@@ -60,7 +60,10 @@ visibility() { tests --test point_visible --test classic --test visibility; }
 open() { cargo bench --bench figure_2_11; }
 order() { tests --test smooth; }
 
-benches() { for bench in solve stages visibility p2p; do cargo bench --bench "$bench"; done; }
+benches() {
+    for bench in solve visibility; do cargo bench --bench "$bench"; done
+    for bench in stages p2p; do cargo bench --bench "$bench" -- --quick; done
+}
 
 chart() {
     "$program" chart -o "$out/chart"

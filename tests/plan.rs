@@ -257,6 +257,8 @@ fn the_command_tells_a_plan_in_words_and_in_json() {
         "points      8, of which 8",
         "tolerance   0.1",
         "method      direct: expected are exact sums",
+        "colours     three: ",
+        "precision   f64: exact sums",
         "backend     cpu",
         "time        about",
         "memory      about",

@@ -19,7 +19,7 @@ use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::random::{Purpose, stream};
 use crate::smoothing::Smoother;
-use crate::visibility::{Segment, Visibility};
+use crate::visibility::{Segment, Visibility, in_rows};
 
 /// Segments a receiver, at least and at most: as many as find, with those of its neighbours, a shadow
 /// that takes this part of the tolerance off the light.
@@ -133,10 +133,7 @@ pub fn emitted(
                 })
                 .collect();
             let visible = visibility.visible(&segments)?;
-            let mut rest = visible.as_slice();
-            let of_each: Vec<&[bool]> = (drawn.iter())
-                .map(|drawn| rest.split_off(..drawn.len()).unwrap_or_default())
-                .collect();
+            let of_each = in_rows(&visible, drawn.iter().map(Vec::len));
             let answered = receivers.par_iter_mut().zip(&drawn).zip(of_each);
             answered.for_each(|((r, drawn), seen)| {
                 drawn

@@ -9,7 +9,7 @@ use crate::memory;
 use crate::operator::{HostFields, TransportOperator};
 use crate::points::Surfels;
 use crate::progress::Progress;
-use crate::visibility::{Segment, Visibility};
+use crate::visibility::{Segment, Visibility, in_rows};
 
 /// Exact pair sums; who sees whom is kept as one bit a pair.
 pub struct Direct {
@@ -145,10 +145,7 @@ pub fn exact_irradiances<const FIELDS: usize>(
             .flat_map_iter(of_row)
             .collect();
         let visible = visibility.visible(&segments)?;
-        let mut rest = visible.as_slice();
-        let answers: Vec<&[bool]> = (partners.iter())
-            .map(|partners| rest.split_off(..partners.len()).unwrap_or_default())
-            .collect();
+        let answers = in_rows(&visible, partners.iter().map(Vec::len));
         rows.par_extend(partners.par_iter().zip(answers).map(|(partners, visible)| {
             let seen = partners.iter().zip(visible).filter(|&(_, &v)| v);
             seen.fold(

@@ -49,7 +49,7 @@ mod seconds {
     /// A point's links where no segment is tested, an order of the expansions.
     pub const OPEN: f64 = 1e-5;
     /// A point's light from 10,000 that all shine, at a tolerance of 0.03.
-    pub const SHINING: f64 = 2.5e-4;
+    pub const SHINING: f64 = 9e-5;
     /// A ray and its part in the solution, among 20,000 points; among more by this power of their number,
     /// as fewer of them are in the caches.
     pub const RAY: [f64; 2] = [9e-7, 1.2e-6];
@@ -92,7 +92,7 @@ const SEGMENTS: [f64; 3] = [38.0, 80.0, 26_000.0];
 const BY_CONTRAST: f64 = 0.6;
 /// and fall as this power of the number of points, the less, the more of what is curved is hidden.
 const BY_POINTS: f64 = 0.55;
-const BY_HOLLOW: f64 = 1.1;
+const BY_HOLLOW: f64 = 0.57;
 /// They grow as this power of 1 / tolerance, down to 0.03 and below, where more rounds are needed.
 const BY_TOLERANCE: [f64; 2] = [1.05, 1.7];
 /// Segments a point for light from surfels that shine.

@@ -243,10 +243,15 @@ impl Plan {
             false => choice(
                 "visibility",
                 &"surfels",
-                &format!(
-                    "{:.0}% of the lines between points that face each other are blocked",
-                    100.0 * job.sketch.hidden
-                ),
+                &match job.sketch.hidden {
+                    0.0 => {
+                        "nothing seems to be in the way, and then tests take next to no time".into()
+                    }
+                    hidden => format!(
+                        "{:.0}% of the lines between points that face each other are blocked",
+                        100.0 * hidden
+                    ),
+                },
             ),
         });
         choices.push(match options.max_bounces {
@@ -257,6 +262,15 @@ impl Plan {
                 &"all",
                 "until what is left is small against the tolerance",
             ),
+        });
+        choices.push(choice(
+            "colours",
+            &"three",
+            "side by side in a register: grey light alone would take as long",
+        ));
+        choices.push(match self.method {
+            Method::Direct => choice("precision", &"f64", "exact sums are the reference"),
+            _ => choice("precision", &"f32", "it rounds light by a millionth or so"),
         });
         choices
     }

@@ -64,6 +64,13 @@ impl<V: Visibility + ?Sized> Visibility for &V {
     }
 }
 
+/// Answers cut into rows of these lengths, one row for each of whoever asked.
+pub(crate) fn in_rows(mut answers: &[bool], lengths: impl Iterator<Item = usize>) -> Vec<&[bool]> {
+    lengths
+        .map(|length| answers.split_off(..length).unwrap_or_default())
+        .collect()
+}
+
 /// Tests on all threads of the current rayon pool, in `T`: f64 is the reference, f32 the product.
 pub struct CpuVisibility<'a, T> {
     occluders: &'a Occluders,
