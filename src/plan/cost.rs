@@ -2,7 +2,7 @@
 //!
 //! All constants are measured; `cargo bench --bench choices` holds them against what comes out.
 
-use super::{Sketch, Stage};
+use super::{MANY_RAYS, Sketch, Stage};
 use crate::illuminate::{Method, RAYS, SPARED};
 use crate::lights::{RECEIVERS, strata};
 use crate::links::open;
@@ -157,6 +157,19 @@ impl Job {
             return None;
         }
         let noise = (tolerance * tolerance - limit * limit).sqrt();
+        let rays = self.for_noise(noise, apart);
+        (rays <= f64::from(*RAYS.end())).then_some(rays as u32)
+    }
+
+    /// Rays to begin with where no number of them is expected to do: what their noise alone would take.
+    pub fn tried(&self) -> u32 {
+        let rays = self.for_noise(self.of_reflected(), true);
+        rays.min(f64::from(MANY_RAYS)) as u32
+    }
+
+    /// Rays whose noise is no more than this.
+    fn for_noise(&self, noise: f64, apart: bool) -> f64 {
+        let Sketch { contrast, left, .. } = self.sketch;
         let points = self.surfels as f64 / 1e4;
         let [below, above] = BY_SMOOTHING;
         let smoothed = points.powf(if points < 1.0 { -below } else { -above });
@@ -166,8 +179,7 @@ impl Job {
         };
         let of_one = NOISE * contrast * of_spots.hypot(smoothed * left);
         let rays = (of_one / noise).powf(1.0 / BY_RAYS);
-        let rays = rays.max(LEAST_RAYS).log2().round().exp2();
-        (rays <= f64::from(*RAYS.end())).then_some(rays as u32)
+        rays.max(LEAST_RAYS).log2().round().exp2()
     }
 
     /// The tolerance of reflected light, relative to itself.

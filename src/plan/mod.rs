@@ -85,9 +85,8 @@ pub struct Stage {
 
 /// Order of the expansions of links whose visibility is sampled: that is what limits their accuracy.
 pub(crate) const ORDER: usize = 1;
-/// Rays that a cost is told for where no number of them is expected to do, and with how many to begin there.
+/// Rays that a cost is told for where no number of them is expected to do, and to begin with there at most.
 const MANY_RAYS: u32 = 256;
-const TRIED_RAYS: u32 = 64;
 /// Highest order on the CPU. In f32 rounding leaves nothing to gain beyond.
 const MAX_ORDER: usize = 12;
 
@@ -146,7 +145,7 @@ impl Plan {
             tolerance,
             order: expanded(method).then_some(order),
             leaf_size,
-            rays: (method == Method::Gather).then_some(job.rays().unwrap_or(TRIED_RAYS)),
+            rays: (method == Method::Gather).then(|| job.rays().unwrap_or_else(|| job.tried())),
             instead,
             most_rays,
             spots_apart: method == Method::Gather && job.apart(),
@@ -429,7 +428,7 @@ fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>) ->
     let (instead, after) = &costs[1];
     // Links may take longer than expected, and so may expected rays.
     let given_up = method == Method::Gather && (expected.is_none() || *instead == Method::Direct);
-    let at_first = expected.unwrap_or(TRIED_RAYS);
+    let at_first = expected.unwrap_or_else(|| job.tried());
     let dearer = |rays: &u32| job.cost(method, 2 * rays).seconds() > GIVEN_UP * after.seconds();
     Way {
         method,
