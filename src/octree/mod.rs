@@ -42,7 +42,7 @@ pub struct Octree {
 pub const MAX_HALF_ANGLE: f64 = 0.7;
 
 /// At most so many surfels a leaf where visibility is tested.
-pub const LEAF_SIZE: usize = 4;
+pub const LEAF_SIZE: usize = 8;
 
 impl Octree {
     /// Builds the octree, with at most `leaf_size` surfels a leaf (the paper's s); returns it with

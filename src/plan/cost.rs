@@ -87,14 +87,14 @@ mod bytes {
 
 /// Segments a point of 20,000 that links take at a tolerance of 0.03 and a contrast of 1: of flat
 /// surfaces, of curved ones, and what of those grows with the fourth power of what is hidden.
-const SEGMENTS: [f64; 3] = [38.0, 80.0, 26_000.0];
+const SEGMENTS: [f64; 3] = [30.0, 95.0, 15_000.0];
 /// They grow as this power of the contrast,
 const BY_CONTRAST: f64 = 0.6;
 /// and fall as this power of the number of points, the less, the more of what is curved is hidden.
 const BY_POINTS: f64 = 0.55;
 const BY_HOLLOW: f64 = 0.57;
 /// They grow as this power of 1 / tolerance, down to 0.03 and below, where more rounds are needed.
-const BY_TOLERANCE: [f64; 2] = [1.05, 1.7];
+const BY_TOLERANCE: [f64; 2] = [0.7, 1.6];
 /// Segments a point for light from surfels that shine.
 const EMITTED: f64 = 5.0;
 /// Light of surfaces that shine all over takes longer by these powers of 1 / tolerance and of the number
@@ -109,11 +109,14 @@ const BY_SMOOTHING: [f64; 2] = [0.2, 0.1];
 const SPOTS: f64 = 1.04;
 /// The noise of rays falls as this power of their number.
 pub(super) const BY_RAYS: f64 = 0.75;
-/// What rays without number are off by, in units of 1 / root of the number of points, where all is
-/// curved and hidden, and the power of what is hidden. With spots apart 5% in the cave of 1,750 points, 1.8% in
-/// that of 17,500, 2.6% in organic of 2,000.
-const LIMIT: f64 = 5.7;
-const BY_HIDDEN: f64 = 0.75;
+/// What rays without number are off by among 3,000 points where all is curved and hidden, the power of what
+/// is hidden, and that of the number of points by which it falls, which is the less the more is hidden. With spots
+/// apart 5% in the cave of 1,750 points, 2.7% in that of 10,500, 2% in that of 17,500; 2.3% in organic of 3,000,
+/// 1.4% of 5,000, .5% of 10,000.
+const LIMIT: f64 = 0.097;
+const BY_HIDDEN: f64 = 0.7;
+const LIMIT_FALLS: [f64; 2] = [1.85, 3.1];
+const LEAST_FALL: f64 = 0.3;
 /// When bright spots are sampled apart, no less than this part of it is left.
 const LEAST_LEFT: f64 = 0.75;
 /// Part of the tolerance that this may be.
@@ -151,7 +154,9 @@ impl Job {
         } = self.sketch;
         let limit = LIMIT * curved * hidden.powf(BY_HIDDEN);
         let limit = limit * if apart { left.max(LEAST_LEFT) } else { 1.0 };
-        let limit = limit / (self.surfels.max(1) as f64).sqrt();
+        let [smooth, rough] = LIMIT_FALLS;
+        let falls = (smooth - rough * hidden).max(LEAST_FALL);
+        let limit = limit * (self.surfels as f64 / 3e3).powf(-falls);
         let tolerance = self.of_reflected();
         if contrast == 0.0 || limit > LARGEST_LIMIT * tolerance {
             return None;
@@ -161,10 +166,10 @@ impl Job {
         (rays <= f64::from(*RAYS.end())).then_some(rays as u32)
     }
 
-    /// Rays to begin with where no number of them is expected to do: what their noise alone would take.
+    /// Rays to begin with where no number of them is expected to do: as many as would do with the largest limit.
     pub fn tried(&self) -> u32 {
-        let rays = self.for_noise(self.of_reflected(), true);
-        rays.min(f64::from(MANY_RAYS)) as u32
+        let noise = self.of_reflected() * (1.0 - LARGEST_LIMIT * LARGEST_LIMIT).sqrt();
+        self.for_noise(noise, true).min(f64::from(MANY_RAYS)) as u32
     }
 
     /// Rays whose noise is no more than this.

@@ -345,14 +345,13 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
     }
 }
 
-/// Links may take more rounds than expected, the more so those of rough scans, while more rays add to those
-/// that are there, and exact sums take one: links count so many times, where all is flat and where all is
-/// curved or rough, and exact sums.
-const BY_LINKS: [f64; 2] = [1.25, 2.0];
-const BY_SUMS: f64 = 0.65;
+/// Links may take more rounds than expected, while more rays add to those that are there, and exact sums take
+/// one: links count so many times, and exact sums.
+const BY_LINKS: f64 = 1.25;
+const BY_SUMS: f64 = 0.75;
 /// Rays that are not expected to do count so many times: they may do all the same, and are tried where that
 /// adds little to what else it takes.
-const RAYS_TRIED: f64 = 3.6;
+const RAYS_TRIED: f64 = 4.4;
 /// Rays are given up where they would take more than this part of what then follows.
 const GIVEN_UP: f64 = 0.5;
 
@@ -402,10 +401,7 @@ fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>) ->
         let too_large = free.is_some_and(|free| cost.bytes() > free);
         let weight = match method {
             Method::Gather if expected.is_none() => RAYS_TRIED,
-            Method::Fmm => {
-                let [flat, rough] = BY_LINKS;
-                flat + (rough - flat) * job.sketch.curved
-            }
+            Method::Fmm => BY_LINKS,
             Method::Direct => BY_SUMS,
             _ => 1.0,
         };
