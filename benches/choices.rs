@@ -29,7 +29,7 @@ const TOLERANCES: [f64; 3] = [0.1, 0.03, 0.01];
 const DIRECT: usize = 5000;
 const RAYS: [u32; 7] = [16, 32, 64, 128, 256, 512, 1024];
 /// Seeds of each way.
-const SEEDS: u64 = 4;
+const SEEDS: u64 = 3;
 /// What takes so many times as long as the best so far with the first of them is not that good with the others.
 const HOPELESS: f64 = 2.5;
 /// Runs shorter than this are repeated.

@@ -36,7 +36,7 @@ fn each_method_is_taken_where_it_wins() {
         ("cornell", 300, 0.03, Method::Direct),
         ("cave", 20_000, 0.1, Method::Gather),
         ("organic", 2000, 0.03, Method::Direct),
-        ("cave", 15_000, 0.03, Method::Gather),
+        ("cave", 30_000, 0.03, Method::Gather),
         ("cave", 4000, 0.03, Method::Direct),
         ("cornell", 100_000, 0.03, Method::Fmm),
     ] {

@@ -17,7 +17,7 @@ use crate::solve::{Stop, solve};
 const SOLVES: u64 = 2;
 /// Relative residual up to which they are solved, times what a reflection loses, and least value of that.
 const RESIDUAL: f64 = 0.06;
-const LEAST: f64 = 0.02;
+const LEAST: f64 = 0.002;
 /// Mean square, in units of that of the errors, up to which one draw is enough.
 const NEGLIGIBLE: f64 = 0.1;
 

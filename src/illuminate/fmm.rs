@@ -27,8 +27,8 @@ const ROUNDS: u64 = 5;
 /// Part of the segments of a solution that its verification may test in a round, at a first look and at a
 /// second one.
 const VERIFICATION: f64 = 0.05;
-/// All pairs of a small cloud are summed at a second look, if they are no more than so many times what the first
-/// one may test: a third of the solution's.
+/// All pairs of a small cloud are summed at a second look where the first one leaves it open whether the error is
+/// small enough, if they are no more than so many times what that may test: a third of the solution's.
 const ALL_PAIRS: u64 = 7;
 /// Segments that it may test in any case.
 const LEAST_SEGMENTS: u64 = 1 << 17;
@@ -244,7 +244,7 @@ impl Task<'_> {
         if !verified.met
             && worth
             && all_pairs <= ALL_PAIRS * self::budget(segments, 0)
-            && verified.error() <= tolerance
+            && verified.least() <= tolerance
         {
             verified = look(1, all_pairs)?;
             verified.judge_by(tolerance);

@@ -67,6 +67,11 @@ impl Verified {
         self.total.rel_l2.value.max(self.ambient.value)
     }
 
+    /// Lower bound of the larger one.
+    pub(super) fn least(&self) -> f64 {
+        self.total.rel_l2.low.max(self.ambient.low)
+    }
+
     /// The upper bound, as it is as a rule.
     pub(super) fn likely(&self) -> f64 {
         likely(self.total.rel_l2).max(likely(self.ambient))

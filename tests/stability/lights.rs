@@ -160,7 +160,7 @@ pub fn areas() -> Vec<Case> {
                 .into_iter()
                 .fold(case, |case, way| case.but(way, Refused("not finite")))
                 .but(Way::Gather, NotMet),
-            1e30 => case.but(Way::Fmm, NotMet).but(Way::Gather, NotMet),
+            1e30 => case.but(Way::Gather, NotMet),
             _ => case,
         });
     }
