@@ -41,7 +41,8 @@ pub struct Octree {
 /// up to 1.7 times the pairs for little gain.
 pub const MAX_HALF_ANGLE: f64 = 0.7;
 
-/// At most so many surfels a leaf where visibility is tested.
+/// At most so many surfels a leaf where visibility is tested. With 4 of them links take one more round as often as
+/// not (organic, cornell), with 12 they take longer in the cave.
 pub const LEAF_SIZE: usize = 8;
 
 impl Octree {
