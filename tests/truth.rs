@@ -5,6 +5,7 @@ mod closed_forms;
 use std::path::Path;
 
 use closed_forms::{parallel, perpendicular};
+use fmmgi_gpu::chart::truth::PointTruth;
 use fmmgi_gpu::compare::compare;
 use fmmgi_gpu::links::{self, Accuracy};
 use fmmgi_gpu::octree::{LEAF_SIZE, Octree};
@@ -128,6 +129,23 @@ fn links_keep_the_tolerance() {
         );
         assert!(found.rel_l2 < 0.03 && found.bias.abs() < 0.01);
     }
+}
+
+/// Light that is 1% too bright everywhere is off by just that, though exact sums would mend what lamps bring.
+#[test]
+fn a_chart_sees_what_all_bounces_carry_on() {
+    let scene = scene("cornell", 1000);
+    let mut irradiance = solve(&scene, Method::Direct, None).map.irradiance;
+    let truth = PointTruth::find(&scene, scene.cloud.len(), &Silent).unwrap();
+    let exact = truth.errors(&irradiance).unwrap();
+    irradiance.iter_mut().for_each(|h| *h *= 1.01);
+    let brighter = truth.errors(&irradiance).unwrap();
+    println!(
+        "exact sums {:.1e}, 1% brighter {:.5}, bias {:.5}",
+        exact.rel_l2, brighter.rel_l2, brighter.bias
+    );
+    assert!(exact.rel_l2 < 2e-4);
+    assert!((brighter.rel_l2 - 0.01).abs() < 2e-4 && (brighter.bias - 0.01).abs() < 2e-4);
 }
 
 /// Every direction ends on a surface or in the sky: row sum + visible sky = 1, both measured.

@@ -23,7 +23,9 @@ const DIRECT_TOLERANCE: f64 = 1e-3;
 const CLASSIC_TOLERANCE: f64 = 0.01;
 /// Rays, and the tolerance for lights that goes with them.
 const RAYS: [(u32, f64); 4] = [(16, 0.1), (64, 0.05), (256, 0.03), (1024, 0.01)];
-/// Receivers of the point truth, and pairs with all surfels that it has at most beyond `FEWEST` receivers.
+/// Most points of which all are receivers of the point truth; else so many, and so many pairs with all surfels at
+/// most beyond `FEWEST` receivers.
+const ALL: usize = 10_000;
 const RECEIVERS: usize = 300;
 const FEWEST: usize = 60;
 const PAIRS: usize = 30_000_000;
@@ -396,7 +398,11 @@ impl Run<'_> {
 impl Truths {
     fn find(case: &Case, progress: &dyn Progress) -> Result<Truths> {
         let scene = load(&case.scene, case.points)?;
-        let receivers = (PAIRS / scene.cloud.len().max(1)).clamp(FEWEST, RECEIVERS);
+        let n = scene.cloud.len();
+        let receivers = match n <= ALL {
+            true => n,
+            false => (PAIRS / n).clamp(FEWEST, RECEIVERS),
+        };
         Ok(Truths {
             scene: case.scene.clone(),
             points: case.points,

@@ -21,6 +21,9 @@ use crate::visibility::{CpuVisibility, Segment, Visibility};
 
 /// Directions, squared, in which the sky over a surfel is looked for.
 const STRATA: usize = 64;
+/// Bounces of light, at most, and the relative change after which there are no more.
+const BOUNCES: usize = 10_000;
+const CONVERGED: f64 = 1e-7;
 
 /// Errors at the receivers, as [`compare`] defines them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,13 +36,16 @@ pub struct Errors {
 }
 
 /// Rows of the exact operator at some surfels of a scene, and their exact direct light. They are found
-/// once; any solution of the scene is then measured by one application of them to itself.
+/// once. With all rows the solution is known; else any solution of the scene is measured by one application
+/// of them to itself, in which an error of all its points has not gone through all bounces.
 pub struct PointTruth {
     surfels: Arc<Surfels>,
     receivers: Vec<usize>,
     /// For each receiver who is seen, with the form factor.
     rows: Vec<Vec<(u32, f32)>>,
     direct: Vec<DVec3>,
+    /// Irradiance of the receivers, where these are all surfels.
+    solution: Option<Vec<Vec3>>,
 }
 
 /// Light at the receivers of a truth.
@@ -83,11 +89,16 @@ impl PointTruth {
                 *light += scene.sky.as_dvec3() * sky_seen(&surfels, i, &visibility)?;
             }
         }
+        let solution = match count == n {
+            true => solution(&surfels.reflectance, &rows, &direct, progress)?,
+            false => None,
+        };
         Ok(PointTruth {
             surfels,
             receivers,
             rows,
             direct,
+            solution,
         })
     }
 
@@ -115,12 +126,44 @@ impl PointTruth {
     /// Errors of a solution.
     pub fn errors(&self, irradiance: &[Vec3]) -> Result<Errors> {
         let found: Vec<Vec3> = self.points().map(|p| irradiance[p]).collect();
-        let truth = self.of(irradiance).all;
-        errors(
-            &found,
-            &truth.iter().map(|h| h.as_vec3()).collect::<Vec<_>>(),
-        )
+        match &self.solution {
+            Some(solution) => errors(&found, solution),
+            None => errors(&found, &in_f32(&self.of(irradiance).all)),
+        }
     }
+}
+
+/// The light that bounces come to, if they come to an end.
+fn solution(
+    reflectance: &[Vec3],
+    rows: &[Vec<(u32, f32)>],
+    direct: &[DVec3],
+    progress: &dyn Progress,
+) -> Result<Option<Vec<Vec3>>> {
+    let mut irradiance = direct.to_vec();
+    for _ in 0..BOUNCES {
+        progress.check()?;
+        let pairs = irradiance.iter().zip(reflectance);
+        let sent: Vec<DVec3> = pairs.map(|(h, r)| *h * r.as_dvec3()).collect();
+        let reflected = applied(rows, &sent).into_iter();
+        let next: Vec<DVec3> = reflected.zip(direct).map(|(r, d)| r + *d).collect();
+        let square = |light: DVec3| light.length_squared();
+        let changed: f64 = next
+            .iter()
+            .zip(&irradiance)
+            .map(|(a, b)| square(*a - *b))
+            .sum();
+        let all: f64 = next.iter().map(|h| square(*h)).sum();
+        irradiance = next;
+        if changed <= CONVERGED * CONVERGED * all {
+            return Ok(Some(in_f32(&irradiance)));
+        }
+    }
+    Ok(None)
+}
+
+fn in_f32(light: &[DVec3]) -> Vec<Vec3> {
+    light.iter().map(|h| h.as_vec3()).collect()
 }
 
 fn applied(rows: &[Vec<(u32, f32)>], radiosity: &[DVec3]) -> Vec<DVec3> {

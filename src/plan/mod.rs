@@ -348,10 +348,10 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
 /// Links may take more rounds than expected, while more rays add to those that are there, and exact sums take
 /// one: links count so many times, and exact sums.
 const BY_LINKS: f64 = 1.25;
-const BY_SUMS: f64 = 0.75;
+const BY_SUMS: f64 = 0.82;
 /// Rays that are not expected to do count so many times: they may do all the same, and are tried where that
 /// adds little to what else it takes.
-const RAYS_TRIED: f64 = 4.4;
+const RAYS_TRIED: f64 = 4.8;
 /// Rays are given up where they would take more than this part of what then follows.
 const GIVEN_UP: f64 = 0.5;
 
@@ -422,9 +422,9 @@ fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>) ->
         .collect();
     let method = costs[0].0;
     let (instead, after) = &costs[1];
-    // Links may take longer than expected, and so may expected rays.
+    // Links may take longer than expected, and so may expected rays: those may need one more round.
     let given_up = method == Method::Gather && (expected.is_none() || *instead == Method::Direct);
-    let at_first = expected.unwrap_or_else(|| job.tried());
+    let at_first = expected.map_or_else(|| job.tried(), |rays| 2 * rays);
     let dearer = |rays: &u32| job.cost(method, 2 * rays).seconds() > GIVEN_UP * after.seconds();
     Way {
         method,
