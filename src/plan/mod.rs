@@ -349,6 +349,9 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
 /// one: links count so many times, and exact sums.
 const BY_LINKS: f64 = 1.25;
 const BY_SUMS: f64 = 0.82;
+/// Where all is curved, and rough as scans are, a round more can take ten times as long, but twice as many rays
+/// only twice: where these are expected to do, links count so many times more.
+const BY_CURVED: f64 = 0.4;
 /// Rays that are not expected to do count so many times: they may do all the same, and are tried where that
 /// adds little to what else it takes.
 const RAYS_TRIED: f64 = 4.8;
@@ -401,6 +404,7 @@ fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>) ->
         let too_large = free.is_some_and(|free| cost.bytes() > free);
         let weight = match method {
             Method::Gather if expected.is_none() => RAYS_TRIED,
+            Method::Fmm if expected.is_some() => BY_LINKS + BY_CURVED * job.sketch.curved.powi(2),
             Method::Fmm => BY_LINKS,
             Method::Direct => BY_SUMS,
             _ => 1.0,
