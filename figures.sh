@@ -3,11 +3,12 @@
 # `./figures.sh NAME...` for some. What is printed is kept in target/figures/NAME.txt; pictures and
 # docs/stability.md are written where the README shows them.
 #
-# Let nothing else run beside it. `large` is of a scan of your own: ROOM=room.laz ./figures.sh large
+# Let nothing else run beside it. `large` and `sky` are of scans of your own:
+# ROOM=room.laz STATUE=statue.ply ./figures.sh large sky
 set -euo pipefail
 cd "$(dirname "$0")"
 
-all=(picture exact surface tolerance growth blocks lights walls stability rays visibility open order benches chart large)
+all=(picture exact surface tolerance growth blocks lights walls stability rays visibility open order benches chart choices large sky)
 scenes=(cornell organic two_rooms cave)
 out=target/figures
 mkdir -p "$out"
@@ -72,12 +73,23 @@ chart() {
     done
 }
 
+choices() { cargo bench --bench choices; }
+
 large() {
     if [[ -z ${ROOM-} ]]; then
         echo "left out: name a scanned room, ROOM=room.laz"
         return
     fi
     clock solve "$ROOM" --light point:-0.7,-0.7,2.5 --normals inward -v --stats "$out/large.json" -o "$out/large.ply"
+}
+
+sky() {
+    if [[ -z ${STATUE-} ]]; then
+        echo "left out: name a scanned statue, STATUE=statue.ply"
+        return
+    fi
+    clock solve "$STATUE" --sky 1,1,1 --normals outward
+    clock solve "$STATUE" --sky 1,1,1 --light point:3,4,5 --normals outward --tolerance 0.01
 }
 
 names=("$@")
