@@ -62,6 +62,10 @@ fn rays_are_tried_where_that_adds_little() {
     // In a body that is smooth for so many points they are.
     let smooth = plan(&scene("organic", 10_000), &options(0.01));
     assert_eq!((smooth.method, smooth.rays), (Method::Gather, Some(128)));
+    // Rays that are expected to do may need one more round before they are given up.
+    let rooms = plan(&scene("two_rooms", 3000), &options(0.01));
+    assert_eq!(rooms.instead, Some(Method::Direct), "{rooms}");
+    assert_eq!(rooms.most_rays, rooms.rays.map(|rays| 2 * rays), "{rooms}");
 }
 
 #[test]

@@ -131,7 +131,8 @@ fn links_keep_the_tolerance() {
     }
 }
 
-/// Light that is 1% too bright everywhere is off by just that, though exact sums would mend what lamps bring.
+/// Light that is 1% too bright everywhere is off by just that. One application of exact sums, which is what is left
+/// where not all points are receivers, mends what lamps bring and sees less.
 #[test]
 fn a_chart_sees_what_all_bounces_carry_on() {
     let scene = scene("cornell", 1000);
@@ -140,11 +141,15 @@ fn a_chart_sees_what_all_bounces_carry_on() {
     let exact = truth.errors(&irradiance).unwrap();
     irradiance.iter_mut().for_each(|h| *h *= 1.01);
     let brighter = truth.errors(&irradiance).unwrap();
+    let some = PointTruth::find(&scene, scene.cloud.len() / 2, &Silent).unwrap();
+    let applied = some.errors(&irradiance).unwrap();
     println!(
-        "exact sums {:.1e}, 1% brighter {:.5}, bias {:.5}",
-        exact.rel_l2, brighter.rel_l2, brighter.bias
+        "exact sums {:.1e}, 1% brighter {:.5}, bias {:.5}; by one application {:.5}",
+        exact.rel_l2, brighter.rel_l2, brighter.bias, applied.rel_l2
     );
-    assert!(exact.rel_l2 < 1e-3);
+    assert!(applied.rel_l2 < 0.008 || applied.rel_l2 > 0.012);
+    // The solver ends at a residual of 0.03 of the tolerance, which is 0.03.
+    assert!(exact.rel_l2 < 9e-4);
     assert!((brighter.rel_l2 - 0.01).abs() < 2e-4 && (brighter.bias - 0.01).abs() < 2e-4);
 }
 

@@ -44,7 +44,7 @@ pub struct PointTruth {
     /// For each receiver who is seen, with the form factor.
     rows: Vec<Vec<(u32, f32)>>,
     direct: Vec<DVec3>,
-    /// Irradiance of the receivers, where these are all surfels.
+    /// Irradiance of the receivers, where these are all surfels and bounces come to an end.
     solution: Option<Vec<Vec3>>,
 }
 
@@ -133,7 +133,8 @@ impl PointTruth {
     }
 }
 
-/// The light that bounces come to, if they come to an end.
+/// The light that bounces come to, if they come to an end: one after the other, which owes nothing to the solver
+/// that is measured.
 fn solution(
     reflectance: &[Vec3],
     rows: &[Vec<(u32, f32)>],

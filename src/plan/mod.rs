@@ -350,7 +350,7 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
 const BY_LINKS: f64 = 1.25;
 const BY_SUMS: f64 = 0.82;
 /// Where all is curved, and rough as scans are, a round more can take ten times as long, but twice as many rays
-/// only twice: where these are expected to do, links count so many times more.
+/// only twice: where these are expected to do, so much is added for links, by the square of what is curved.
 const BY_CURVED: f64 = 0.4;
 /// Rays that are not expected to do count so many times: they may do all the same, and are tried where that
 /// adds little to what else it takes.
@@ -428,13 +428,13 @@ fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>) ->
     let (instead, after) = &costs[1];
     // Links may take longer than expected, and so may expected rays: those may need one more round.
     let given_up = method == Method::Gather && (expected.is_none() || *instead == Method::Direct);
-    let at_first = expected.map_or_else(|| job.tried(), |rays| 2 * rays);
+    let at_least = expected.map_or_else(|| job.tried(), |rays| 2 * rays);
     let dearer = |rays: &u32| job.cost(method, 2 * rays).seconds() > GIVEN_UP * after.seconds();
     Way {
         method,
         instead: (method == Method::Gather).then_some(*instead),
         most_rays: given_up.then(|| {
-            let more = std::iter::successors(Some(at_first), |rays| Some(2 * rays));
+            let more = std::iter::successors(Some(at_least), |rays| Some(2 * rays));
             more.take_while(|rays| rays <= RAYS.end())
                 .find(dearer)
                 .unwrap_or(*RAYS.end())
