@@ -10,16 +10,18 @@
 
 use std::time::Instant;
 
+use fmmgi_gpu::links::open;
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
-use fmmgi_gpu::{Backend, Method, Options, Plan, Scene, Stats, Transport, illuminate};
+use fmmgi_gpu::{Backend, Method, Occlusion, Options, Plan, Scene, Stats, Transport, illuminate};
 
-const SCENES: [&str; 7] = [
+const SCENES: [&str; 8] = [
     "cornell",
     "two_rooms",
     "organic",
     "cave",
     "furnace",
+    "room",
     "plates_parallel",
     "plates_perpendicular",
 ];
@@ -132,6 +134,14 @@ fn line(name: &str, scene: &Scene, tolerance: f64) -> f64 {
         let what = format!("leaves of {leaf_size}: ");
         try_out(&what, &|seed| planned(Method::Fmm, &change, seed));
     }
+    let without_tests = |plan: &mut Plan| {
+        let order = open::order(tolerance);
+        (plan.visibility, plan.order) = (Occlusion::None, Some(order));
+        plan.leaf_size = open::leaf_size(order, plan.surfels);
+    };
+    try_out("untested ", &|seed| {
+        planned(Method::Fmm, &without_tests, seed)
+    });
     if scene.cloud.len() <= DIRECT {
         try_out("", &|seed| planned(Method::Direct, &|_| (), seed));
     }

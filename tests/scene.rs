@@ -31,9 +31,10 @@ fn shape(shape: &str, points: usize) -> PointCloud {
         .cloud
 }
 
-const SCENES: [&str; 7] = [
+const SCENES: [&str; 8] = [
     "cornell",
     "furnace",
+    "room",
     "plates_parallel",
     "plates_perpendicular",
     "two_rooms",
@@ -265,6 +266,7 @@ fn scenes_have_no_gaps() {
     for (name, open) in [
         ("cornell", dvec3(0.0, 0.0, 1.0)),
         ("furnace", DVec3::ZERO),
+        ("room", DVec3::ZERO),
         ("two_rooms", DVec3::ZERO),
         ("organic", DVec3::ZERO),
         ("cave", DVec3::ZERO),

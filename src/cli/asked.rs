@@ -37,7 +37,7 @@ pub struct Asked {
     #[arg(long, value_name = "T", value_parser = values::tolerance, allow_hyphen_values = true)]
     tolerance: Option<f64>,
     /// Largest order of the expansions, up to 12, on a GPU to 6 [default: 1, without occlusion and
-    /// for classic 2 to 6 as the tolerance needs]
+    /// for classic 3 to 6 as the tolerance needs]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(0..=12))]
     order: Option<u8>,
     /// Rays from each point with --method gather, rounded up to a power of two [default: as many as the

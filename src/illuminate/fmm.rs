@@ -22,6 +22,9 @@ use crate::visibility::Visibility;
 /// Allowed error of a link with tested visibility, in units of the tolerance and the mean irradiance,
 /// to begin with.
 const ERROR_A_LINK: f64 = 0.25;
+/// Allowed error of all links without tests, in these units: bounces add to it. (A second round takes as long as
+/// the first one; half of the error, a fifth more.)
+const UNTESTED: f64 = 0.5;
 /// Links are made at most so many times.
 const ROUNDS: u64 = 5;
 /// Part of the segments of a solution that its verification may test in a round, at a first look and at a
@@ -65,15 +68,15 @@ impl Task<'_> {
     /// error whether the tolerance is kept.
     pub fn fmm(&self, linked: &mut Linked, repairs: &mut Vec<String>) -> Result<Solved> {
         let mut effort = Effort {
-            links: match self.visibility.is_open() {
-                true => self.tolerance,
+            links: match self.untested {
+                true => UNTESTED * self.tolerance,
                 false => ERROR_A_LINK * self.tolerance,
             },
             lights: self.tolerance,
         };
         let (surfels, visibility) = (self.surfels, self.visibility);
-        // What nothing can be in the way of is not sampled.
-        let smoother = match visibility.is_open() {
+        // What is not tested is not sampled.
+        let smoother = match self.untested {
             true => None,
             false => Some(self.smoother()?),
         };
@@ -157,6 +160,7 @@ impl Task<'_> {
             best = Some(Solved {
                 verified: Some(verified),
                 model_error: model,
+                in_vain: self.untested && !verified.met,
                 ..solved
             });
             if verified.met || in_vain == 2 || !ended.converged || round + 1 == ROUNDS {
@@ -165,7 +169,7 @@ impl Task<'_> {
             let reflected = verified.reflected.map_or(0.0, |r| r.rel_l2.value);
             history.push((effort.links, reflected));
             let last = effort;
-            effort = effort.refined(&verified, &history, self.visibility.is_open());
+            effort = effort.refined(&verified, &history, self.untested);
             before = found;
             if effort.lights < last.lights {
                 direct = stages.next(|| {

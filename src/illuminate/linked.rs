@@ -8,7 +8,6 @@ use crate::octree::Octree;
 use crate::operator::{Fmm, GpuFmm};
 use crate::passes::gpu::Gpu;
 use crate::points::Surfels;
-use crate::visibility::Visibility;
 
 /// Links that are refined for one light after the other. On a device they stay until they change.
 pub(super) struct Linked {
@@ -48,8 +47,8 @@ impl Linked {
         &self.kept.links
     }
 
-    /// Makes the links good enough for a light. Without occlusion all are found afresh, which takes
-    /// next to no time: no segment is tested.
+    /// Makes the links good enough for a light. Without tests all are found afresh, which takes
+    /// next to no time.
     pub fn refine(&mut self, task: &Task, accuracy: &Accuracy, slack: f32) -> Result<()> {
         if refine(&mut self.kept, task, accuracy, slack)? {
             self.on_device = None;
@@ -87,7 +86,7 @@ impl Linked {
 /// Tells whether any link has changed.
 fn refine(kept: &mut Kept, task: &Task, accuracy: &Accuracy, slack: f32) -> Result<bool> {
     let (surfels, octree, progress) = (task.surfels, task.octree, task.progress);
-    if task.visibility.is_open() {
+    if task.untested {
         kept.links = links::build_open(surfels, octree, accuracy, progress)?;
         return Ok(true);
     }

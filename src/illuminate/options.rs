@@ -22,7 +22,8 @@ pub enum Method {
     /// cells: areas given in the file do not count. The rays are cast on the CPU on every backend.
     Gather,
     /// What is expected to be cheapest of `Direct`, `Gather` and `Fmm`, see [`Plan`](crate::Plan). The
-    /// tolerance is kept: rays that no longer help are followed by the cheaper of the others.
+    /// tolerance is kept: rays that no longer help are followed by the cheaper of the others. Links go
+    /// without tests where nothing seems to be in the way; with them if something is after all.
     #[default]
     Auto,
 }

@@ -41,6 +41,8 @@ pub(super) struct Task<'a> {
     pub surfels: &'a Surfels,
     pub octree: &'a Octree,
     pub visibility: &'a Counted<'a>,
+    /// Whether links go without tests: nothing is in the way, or nothing seems to be.
+    pub untested: bool,
     /// Who is next to whom, once it was asked for.
     pub around: &'a OnceLock<Arc<Surroundings>>,
     pub tolerance: f64,
@@ -194,12 +196,12 @@ impl Task<'_> {
         })
     }
 
-    /// Light from the surfels that shine: sampled, or by links where nothing is in the way.
+    /// Light from the surfels that shine: sampled, or by links where these go without tests.
     fn emitted(&self, tolerance: f64, smoother: Option<&Smoother>) -> Result<Vec<DVec3>> {
         let (surfels, octree, progress) = (self.surfels, self.octree, self.progress);
         let emission: Vec<DVec3> = surfels.emission.iter().map(|e| e.as_dvec3()).collect();
         let dark = emission.iter().all(|e| *e == DVec3::ZERO);
-        if self.visibility.is_open() && !dark {
+        if self.untested && !dark {
             let apply = |irradiance: Option<&[DVec3]>| {
                 let accuracy = self.accuracy(&emission, irradiance, tolerance);
                 let links = links::build_open(surfels, octree, &accuracy, progress)?;

@@ -12,7 +12,7 @@ use super::rays::{Cast, First};
 use super::stats::{Seconds, Stats};
 use super::task::{Solved, Task};
 use super::work::Work;
-use super::{Backend, Illumination, Method, Options, file};
+use super::{Backend, Illumination, Method, Occlusion, Options, file};
 use crate::error::{Error, Result};
 use crate::links::{Kept, Links, Thresholds};
 use crate::operator::{Fmm, GpuFmm, trial};
@@ -55,6 +55,8 @@ const CROWDED: f64 = 1.1;
 pub struct Transport {
     options: Options,
     method: Method,
+    /// Whether links go without tests: nothing is in the way, or nothing seems to be.
+    untested: bool,
     /// What the method follows from; there is none for an operator from a file.
     plan: Option<Plan>,
     geometry: Geometry,
@@ -108,6 +110,7 @@ impl Transport {
         let method = plan.method;
         let transport = Transport::of(geometry, kept, method, options, backend, prepared)?;
         Ok(Transport {
+            untested: plan.visibility == Occlusion::None,
             plan: Some(plan),
             ..transport
         })
@@ -137,11 +140,15 @@ impl Transport {
     /// Writes surfels, octree and links to a file, from which they can be [loaded](Transport::load)
     /// for the same cloud.
     ///
-    /// Fails with [`Error::Usage`] where there are no links to keep: without occlusion, and with another
-    /// method than `Fmm`, which `Auto` may have taken.
+    /// Fails with [`Error::Usage`] where there are no links to keep: without tests of visibility, and with
+    /// another method than `Fmm`, which `Auto` may have taken.
     pub fn save(&self, path: &Path) -> Result<()> {
         let options = Options {
             method: self.method,
+            occlusion: match self.untested {
+                true => Occlusion::None,
+                false => Occlusion::Surfels,
+            },
             ..self.options.clone()
         };
         options.check_keeping()?;
@@ -192,6 +199,7 @@ impl Transport {
         Ok(Transport {
             options: options.clone(),
             method,
+            untested: false,
             plan: None,
             linked: Linked::new(kept, gpu),
             cast: None,
@@ -251,6 +259,7 @@ impl Transport {
             surfels: &geometry.surfels,
             octree: &geometry.octree,
             visibility: &visibility,
+            untested: self.untested,
             around: &self.around,
             tolerance,
             order: geometry.order,
@@ -281,14 +290,22 @@ impl Transport {
         };
         let instead = self.plan.as_ref().and_then(|plan| plan.instead);
         if let (true, Some(instead)) = (solved.in_vain, instead) {
-            progress.note(&format!(
-                "more rays are in vain: {} instead",
-                named(instead)
-            ));
+            let (why, tests) = match self.untested {
+                true => ("something is in the way", " with tests"),
+                false => ("more rays are in vain", ""),
+            };
+            progress.note(&format!("{why}: {}{tests} instead", named(instead)));
             repairs.clone_from(&geometry.repairs);
+            // For the lights to come, too.
             method = instead;
-            // Nor are they for the lights to come.
             (self.method, self.cast) = (instead, None);
+            if self.untested {
+                (self.linked, self.untested) = (self.linked.rough(&task), false);
+            }
+            let task = Task {
+                untested: false,
+                ..task
+            };
             solved = match instead {
                 Method::Direct => in_stage(&stages, &mut repairs, |mended| task.direct(mended))?,
                 _ => task.fmm(&mut self.linked, &mut repairs)?,
@@ -355,9 +372,10 @@ impl Transport {
     fn fingerprint(&self, scene: &Scene, tolerance: f64) -> Result<u64> {
         let cloud = &scene.cloud;
         let told = format!(
-            "{} {:?} {:?} {tolerance} {} {}",
+            "{} {:?} {} {:?} {tolerance} {} {}",
             env!("CARGO_PKG_VERSION"),
             self.method,
+            self.untested,
             self.options,
             self.geometry.order,
             self.geometry.fingerprint,

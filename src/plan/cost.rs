@@ -5,7 +5,6 @@
 use super::{MANY_RAYS, Sketch, Stage};
 use crate::illuminate::{Method, RAYS, SPARED};
 use crate::lights::{RECEIVERS, strata};
-use crate::links::open;
 
 /// What the cost follows from.
 #[derive(Clone)]
@@ -46,8 +45,13 @@ mod seconds {
     /// A point of 20,000 whose light is smoothed, with its neighbours; by this power of their number.
     pub const SMOOTH: f64 = 3.5e-5;
     pub const BY_SMOOTHED: f64 = -0.2;
-    /// A point's links where no segment is tested, an order of the expansions.
-    pub const OPEN: f64 = 1e-5;
+    /// A point of 10,000 with its links where no segment is tested, at a tolerance of 0.03: of flat surfaces, and
+    /// of curved ones; by these powers of their number and of 1 / tolerance. Where few shine, their light takes this
+    /// part of it.
+    pub const OPEN: [f64; 2] = [2.4e-5, 1e-4];
+    pub const OPEN_BY_POINTS: [f64; 2] = [-0.4, -0.1];
+    pub const OPEN_BY_TOLERANCE: f64 = 0.25;
+    pub const OPEN_SHINING: f64 = 0.2;
     /// A point's light from 10,000 that all shine, at a tolerance of 0.03.
     pub const SHINING: f64 = 9e-5;
     /// A ray and its part in the solution, among 20,000 points; among more by this power of their number,
@@ -193,6 +197,11 @@ impl Job {
         self.tolerance / self.sketch.reflected.max(self.tolerance)
     }
 
+    /// Whether nothing seems to be in the way.
+    pub fn in_sight(&self) -> bool {
+        self.sketch.hidden == 0.0
+    }
+
     /// Whether bright spots are sampled apart, so that fewer rays do.
     pub fn apart(&self) -> bool {
         let spared = 1.0 - self.sketch.left.powf(1.0 / BY_RAYS);
@@ -217,8 +226,7 @@ impl Job {
         let clusters = (0.03 / self.tolerance).powf(BY_SHINING[0]) * (n / 1e4).powf(BY_SHINING[1]);
         let segment = between(seconds::SEGMENT);
         let reflects = self.sketch.contrast > 0.0;
-        let in_sight = self.sketch.hidden == 0.0 && self.sketch.curved == 0.0;
-        let pair = match in_sight {
+        let pair = match self.in_sight() && self.sketch.curved == 0.0 {
             true => seconds::PAIR_IN_SIGHT,
             false => between(seconds::PAIR),
         };
@@ -232,11 +240,15 @@ impl Job {
                 (n * (rays + spots) * ray, n * rays * bytes::RAY)
             }
             Method::Fmm | Method::Auto if self.open => {
-                let order = open::order(self.tolerance) as f64;
                 // What shines has links of its own.
-                let fields = f64::from(reflects) + f64::from(self.sketch.shining > 0.0);
-                let links = n * fields;
-                (links * (1.0 + order) * seconds::OPEN, links * bytes::OPEN)
+                let [reflected, emitted] = [reflects, self.sketch.shining > 0.0].map(f64::from);
+                let few = seconds::OPEN_SHINING;
+                let shining = emitted * (few + (1.0 - few) * self.sketch.shining);
+                let links = n * (reflected + emitted);
+                (
+                    n * (reflected + shining) * self.without_tests(),
+                    links * bytes::OPEN,
+                )
             }
             Method::Fmm | Method::Auto if !reflects => (0.0, 0.0),
             Method::Fmm | Method::Auto => {
@@ -297,6 +309,18 @@ impl Job {
             0.0
         };
         self.lamps as f64 + sky + emitted
+    }
+
+    /// Seconds of a point's links where no segment is tested.
+    fn without_tests(&self) -> f64 {
+        let curved = self.sketch.curved;
+        let [flat, bent] = seconds::OPEN;
+        let [of_flat, of_bent] = seconds::OPEN_BY_POINTS;
+        let by_points = of_flat + (of_bent - of_flat) * curved;
+        flat.powf(1.0 - curved)
+            * bent.powf(curved)
+            * (self.surfels as f64 / 1e4).powf(by_points)
+            * (0.03 / self.tolerance).powf(seconds::OPEN_BY_TOLERANCE)
     }
 
     /// Segments a point that links take.

@@ -41,7 +41,10 @@ pub struct Plan {
     /// Rays from each surfel that are expected, with the method `Gather`: as many are cast as the measured
     /// error asks for.
     pub rays: Option<u32>,
-    /// What follows rays that turn out to be in vain, if the choice is ours.
+    /// Whether links are tested: they are not where nothing seems to be in the way.
+    pub visibility: Occlusion,
+    /// What follows rays that turn out to be in vain, or links without tests that something is in the way of, if
+    /// the choice is ours.
     pub instead: Option<Method>,
     /// Rays from each surfel beyond which that follows in any case.
     pub most_rays: Option<u32>,
@@ -131,11 +134,16 @@ impl Plan {
         };
         let Way {
             method,
+            visibility,
             instead,
             most_rays,
             why,
         } = choose(options, backend, &job, free);
-        let (order, leaf_size) = expansions(options, method, tolerance, surfels, backend)?;
+        let job = Job {
+            open: visibility == Occlusion::None,
+            ..job
+        };
+        let (order, leaf_size) = expansions(options, method, &job, backend)?;
         let rays = job.rays().unwrap_or(MANY_RAYS);
         let cost = job.cost(method, rays);
         let plan = Plan {
@@ -146,6 +154,7 @@ impl Plan {
             order: expanded(method).then_some(order),
             leaf_size,
             rays: (method == Method::Gather).then(|| job.rays().unwrap_or_else(|| job.tried())),
+            visibility,
             instead,
             most_rays,
             spots_apart: method == Method::Gather && job.apart(),
@@ -237,9 +246,14 @@ impl Plan {
             let why = format!("with them it would take {more:.1} times as many rays");
             choices.push(choice("spots", &"apart", &why));
         }
-        choices.push(match job.open {
-            true => choice("visibility", &"none", "asked for"),
-            false => choice(
+        choices.push(match (job.open, options.occlusion) {
+            (true, Occlusion::None) => choice("visibility", &"none", "asked for"),
+            (true, Occlusion::Surfels) => choice(
+                "visibility",
+                &"none",
+                "nothing seems to be in the way, and tests would take longer; the verification has them",
+            ),
+            (false, _) => choice(
                 "visibility",
                 &"surfels",
                 &match job.sketch.hidden {
@@ -345,8 +359,8 @@ fn surfels(scene: &Scene, thinning: &Thinning) -> usize {
     }
 }
 
-/// Links may take more rounds than expected, while more rays add to those that are there, and exact sums take
-/// one: links count so many times, and exact sums.
+/// Links that are tested may take more rounds than expected, while more rays add to those that are there, and exact
+/// sums take one: links count so many times, and exact sums.
 const BY_LINKS: f64 = 1.25;
 const BY_SUMS: f64 = 0.82;
 /// Where all is curved, and rough as scans are, a round more can take ten times as long, but twice as many rays
@@ -361,16 +375,19 @@ const GIVEN_UP: f64 = 0.5;
 /// How to solve, and why.
 struct Way {
     method: Method,
-    /// What follows rays in vain, and the number of them beyond which it does in any case.
+    /// Whether links are tested.
+    visibility: Occlusion,
+    /// What follows where that is in vain, and the number of rays beyond which it does in any case.
     instead: Option<Method>,
     most_rays: Option<u32>,
     why: String,
 }
 
 impl Way {
-    fn only(method: Method, why: &str) -> Way {
+    fn only(method: Method, visibility: Occlusion, why: &str) -> Way {
         Way {
             method,
+            visibility,
             instead: None,
             most_rays: None,
             why: why.into(),
@@ -380,15 +397,31 @@ impl Way {
 
 /// Who asks for an order wants expansions.
 fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>) -> Way {
+    let asked = options.occlusion;
     if options.method != Method::Auto {
-        return Way::only(options.method, "asked for");
+        return Way::only(options.method, asked, "asked for");
     }
     if options.order.is_some() {
-        return Way::only(Method::Fmm, "an order belongs to expansions");
+        return Way::only(Method::Fmm, asked, "an order belongs to expansions");
     }
+    let untested = Job {
+        open: true,
+        ..job.clone()
+    };
+    let [with_tests, without_tests] = [job, &untested].map(|job| job.cost(Method::Fmm, 0));
+    let visibility =
+        match job.in_sight() && !job.sketch.sky && without_tests.seconds() < with_tests.seconds() {
+            true => Occlusion::None,
+            false => asked,
+        };
+    // Links with tests, if something is in the way after all.
+    let tested = (visibility != asked).then_some(Method::Fmm);
     if matches!(backend, Backend::Gpu { .. }) {
         let why = "on a device; the other methods work on the CPU";
-        return Way::only(Method::Fmm, why);
+        return Way {
+            instead: tested,
+            ..Way::only(Method::Fmm, visibility, why)
+        };
     }
     let mut candidates = vec![(Method::Direct, 0), (Method::Fmm, 0)];
     let bounces = options.max_bounces != Some(0);
@@ -397,13 +430,17 @@ fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>) ->
         candidates.push((Method::Gather, expected.unwrap_or(MANY_RAYS)));
     }
     let mut costs: Vec<(Method, Cost)> = (candidates.into_iter())
-        .map(|(method, rays)| (method, job.cost(method, rays)))
+        .map(|(method, rays)| match (method, visibility) {
+            (Method::Fmm, Occlusion::None) => (method, untested.cost(method, rays)),
+            _ => (method, job.cost(method, rays)),
+        })
         .collect();
     // What does not fit comes last.
     let order = |(method, cost): &(Method, Cost)| {
         let too_large = free.is_some_and(|free| cost.bytes() > free);
         let weight = match method {
             Method::Gather if expected.is_none() => RAYS_TRIED,
+            Method::Fmm if visibility == Occlusion::None => 1.0,
             Method::Fmm if expected.is_some() => BY_LINKS + BY_CURVED * job.sketch.curved.powi(2),
             Method::Fmm => BY_LINKS,
             Method::Direct => BY_SUMS,
@@ -432,7 +469,15 @@ fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>) ->
     let dearer = |rays: &u32| job.cost(method, 2 * rays).seconds() > GIVEN_UP * after.seconds();
     Way {
         method,
-        instead: (method == Method::Gather).then_some(*instead),
+        visibility: match method {
+            Method::Fmm => visibility,
+            _ => asked,
+        },
+        instead: match method {
+            Method::Gather => Some(*instead),
+            Method::Fmm => tested,
+            _ => None,
+        },
         most_rays: given_up.then(|| {
             let more = std::iter::successors(Some(at_least), |rays| Some(2 * rays));
             more.take_while(|rays| rays <= RAYS.end())
@@ -456,14 +501,12 @@ pub(crate) fn named(method: Method) -> &'static str {
 fn expansions(
     options: &Options,
     method: Method,
-    tolerance: f64,
-    surfels: usize,
+    job: &Job,
     backend: &Backend,
 ) -> Result<(usize, usize)> {
-    let open = options.occlusion == Occlusion::None;
     let classic = method == Method::Classic;
-    let order = options.order.unwrap_or(match open || classic {
-        true => links::open::order(tolerance),
+    let order = options.order.unwrap_or(match job.open || classic {
+        true => links::open::order(job.tolerance),
         false => ORDER,
     });
     let (most, place) = match backend {
@@ -475,8 +518,8 @@ fn expansions(
             "order {order}: expansions {place} have orders up to {most}"
         )));
     }
-    let leaf_size = match (open, classic) {
-        (true, _) => links::open::leaf_size(order, surfels),
+    let leaf_size = match (job.open, classic) {
+        (true, _) => links::open::leaf_size(order, job.surfels),
         (false, true) => links::CLASSIC_LEAF_SIZE,
         (false, false) => LEAF_SIZE,
     };
