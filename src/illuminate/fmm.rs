@@ -26,7 +26,7 @@ const ERROR_A_LINK: f64 = 0.25;
 /// the first one; half of the error, a fifth more.)
 const UNTESTED: f64 = 0.5;
 /// Links are made at most so many times.
-const ROUNDS: u64 = 5;
+const ROUNDS: u64 = 8;
 /// Part of the segments of a solution that its verification may test in a round, at a first look and at a
 /// second one.
 const VERIFICATION: f64 = 0.05;

@@ -47,6 +47,11 @@ pub(super) const RECEIVERS: [usize; 2] = [30_000, 200];
 const EXACT: usize = 1000;
 /// Draws of an estimate, on average, at a tolerance of 0.03: its noise should be as large as the error.
 const DRAWS: f64 = 48.0;
+/// That is for noise of one draw of light from surfels; for light of the sky, if one direction has this, relative to
+/// all that comes from all around.
+const SKY_NOISE: f64 = 0.5;
+/// What two pilots of the sky differ by, in units of the noise of one direction.
+const PILOT_SKY: f64 = 0.5;
 /// Draws of the two estimates each that tell where more are needed.
 const PILOT: u32 = 6;
 /// Fewest and most draws of an estimate.
@@ -86,10 +91,8 @@ impl Verifier<'_> {
         let count = match exact {
             true => exact_rows.min(RECEIVERS[0]),
             false => {
-                // The noise falls as draws^(-3/4).
-                let draws = DRAWS * (0.03 / self.tolerance).powf(4.0 / 3.0).max(0.7);
-                let all = 2.0 * draws * lights.len().max(1) as f64;
-                let count = (1.0 - AGAIN) * budget as f64 / all;
+                let draws: f64 = lights.iter().map(|light| self.draws(claim, *light)).sum();
+                let count = (1.0 - AGAIN) * budget as f64 / (2.0 * draws.max(1.0));
                 (count as usize).clamp(RECEIVERS[1], RECEIVERS[0])
             }
         };
@@ -109,6 +112,28 @@ impl Verifier<'_> {
         progress.check()?;
         progress.advance(1);
         Ok(measured)
+    }
+
+    /// Draws of an estimate of a light that make its noise about as large as the error.
+    fn draws(&self, claim: &Claim, light: Light) -> f64 {
+        // The noise falls as draws^(-3/4).
+        let finer = |noise: f64| (noise * 0.03 / self.tolerance).powf(4.0 / 3.0);
+        match light {
+            Light::Reflected | Light::Emitted => DRAWS * finer(1.0).max(0.7),
+            Light::Sky => {
+                let n = claim.irradiance.len().max(1) as f64;
+                let noises = (0..claim.irradiance.len()).map(|i| self.sky_noise(claim, i).powi(2));
+                let noise = (noises.sum::<f64>() / n).sqrt() / claim.level(Part::Ambient).0;
+                DRAWS * finer(noise / SKY_NOISE).max(0.7)
+            }
+        }
+    }
+
+    /// Standard deviation of what one direction brings of the sky.
+    fn sky_noise(&self, claim: &Claim, i: usize) -> f64 {
+        let sky = self.sky.as_dvec3();
+        let seen = (claim.sky[i].element_sum() / sky.element_sum()).clamp(0.0, 1.0);
+        sky.length() * (seen * (1.0 - seen)).sqrt()
     }
 
     /// Lights that are not exact.
@@ -295,7 +320,12 @@ impl Verifier<'_> {
                 let (rms, mean) = level(light);
                 for (k, &i) in surfels.iter().enumerate() {
                     let [a, b] = pilot[l][k];
-                    let noise = (a - b).length() + 0.1 * (a + b).length() + 0.02 * rms;
+                    let differ = match light {
+                        // Few directions tell less of it than what is claimed.
+                        Light::Sky => PILOT_SKY * self.sky_noise(claim, i as usize),
+                        _ => (a - b).length(),
+                    };
+                    let noise = differ + 0.1 * (a + b).length() + 0.02 * rms;
                     let scale = match relative {
                         true => claim.irradiance[i as usize].length().max(DARK * mean),
                         false => rms,

@@ -369,8 +369,11 @@ const BY_CURVED: f64 = 0.4;
 /// Rays that are not expected to do count so many times: they may do all the same, and are tried where that
 /// adds little to what else it takes.
 const RAYS_TRIED: f64 = 4.8;
-/// Rays are given up where they would take more than this part of what then follows.
+/// Rays are given up where they would take more than this part of what then follows; those that are expected to do,
+/// before links, where they would take so many times as long: where surfaces are rougher than they look, links
+/// take longer, too.
 const GIVEN_UP: f64 = 0.5;
+const GIVEN_UP_LATE: f64 = 8.0;
 
 /// How to solve, and why.
 struct Way {
@@ -464,9 +467,12 @@ fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>) ->
     let method = costs[0].0;
     let (instead, after) = &costs[1];
     // Links may take longer than expected, and so may expected rays: those may need one more round.
-    let given_up = method == Method::Gather && (expected.is_none() || *instead == Method::Direct);
+    let given_up = match expected.is_none() || *instead == Method::Direct {
+        true => GIVEN_UP,
+        false => GIVEN_UP_LATE,
+    };
     let at_least = expected.map_or_else(|| job.tried(), |rays| 2 * rays);
-    let dearer = |rays: &u32| job.cost(method, 2 * rays).seconds() > GIVEN_UP * after.seconds();
+    let dearer = |rays: &u32| job.cost(method, 2 * rays).seconds() > given_up * after.seconds();
     Way {
         method,
         visibility: match method {
@@ -478,7 +484,7 @@ fn choose(options: &Options, backend: &Backend, job: &Job, free: Option<u64>) ->
             Method::Fmm => tested,
             _ => None,
         },
-        most_rays: given_up.then(|| {
+        most_rays: (method == Method::Gather).then(|| {
             let more = std::iter::successors(Some(at_least), |rays| Some(2 * rays));
             more.take_while(|rays| rays <= RAYS.end())
                 .find(dearer)
