@@ -430,11 +430,12 @@ impl Verifier<'_> {
         let signed = receivers.weighted(both().map(|(a, b)| (*a + *b).element_sum() / 2.0));
         let mut random = stream(self.seed, Purpose::Verify, 0);
         let complete = measured.is_complete(claim);
-        let mut mean_of = |sample: &[f64]| match complete {
+        type Mean = fn(&[f64], &mut Pcg64Mcg) -> Interval;
+        let mut known = |sample: &[f64], mean: Mean| match complete {
             true => Interval::exactly(sample.iter().sum::<f64>() / sample.len() as f64),
-            false => quantiles::mean(sample, &mut random),
+            false => mean(sample, &mut random),
         };
-        let one_bounce = mean_of(&squares).root().over(rms);
+        let one_bounce = known(&squares, quantiles::mean_square).root().over(rms);
         let sum: f64 = claim.sum(part);
         let relative = (receivers.surfels.iter().zip(part.of(&measured.best))).map(|(&i, off)| {
             let truth = claim.part(part, i as usize) - off;
@@ -459,7 +460,7 @@ impl Verifier<'_> {
             p95: quantile(0.95),
             p99: quantile(0.99),
             max: sorted.last().map_or(0.0, |(off, _)| *off),
-            bias: mean_of(&signed).over(sum),
+            bias: known(&signed, quantiles::mean).over(sum),
         }
     }
 }
