@@ -36,8 +36,8 @@ pub struct Asked {
     /// Relative error to aim at, 1e-6 to 0.5 [default: the scene's, or 0.03]
     #[arg(long, value_name = "T", value_parser = values::tolerance, allow_hyphen_values = true)]
     tolerance: Option<f64>,
-    /// Largest order of the expansions, up to 12, on a GPU to 6 [default: 1, without occlusion and
-    /// for classic 3 to 6 as the tolerance needs]
+    /// Largest order of the expansions, up to 12, on a GPU to 6 [default: 1, as the tolerance
+    /// needs without occlusion 3 to 6, for classic 2 to 6]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(0..=12))]
     order: Option<u8>,
     /// Rays from each point with --method gather, rounded up to a power of two [default: as many as the

@@ -168,7 +168,7 @@ mod tests {
     #[test]
     fn noise_is_no_small_error() {
         let sample: Vec<f64> = (0..400).map(|k| [-1.2, 1.0][k % 2]).collect();
-        let mut random = || stream(1, Purpose::Verify, 0);
+        let random = || stream(1, Purpose::Verify, 0);
         let mean = mean(&sample, &mut random());
         let square = mean_square(&sample, &mut random());
         println!("{mean:?}, {square:?}");

@@ -20,7 +20,7 @@ pub use accuracy::Accuracy;
 pub(crate) use accuracy::LOCAL_TOLERANCE;
 pub use adaptive::adaptive;
 pub use build::build;
-pub use classic::{CLASSIC_LEAF_SIZE, State, States, Tally, Thresholds, classic};
+pub use classic::{CLASSIC_LEAF_SIZE, State, States, Tally, Thresholds, classic, classic_order};
 pub use close::Close;
 pub use csr::{Entry, Rows};
 pub use dual::{Mac, THETA, Verdict, dual};

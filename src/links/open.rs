@@ -98,8 +98,8 @@ fn entries(rows: &Rows) -> Vec<Entry> {
     (0..rows.offsets.len() - 1).flat_map(of_target).collect()
 }
 
-/// Largest order of the expansions for a tolerance: 3 down to 0.003, 4 to 0.0003, then 6. (By order 2 solutions
-/// take up to four times as long, as do refinements.)
+/// Largest order of the expansions for a tolerance: 3 down to 0.003, 4 to 0.0003, then 6. (By order 2 links
+/// and solution take up to four times as long.)
 pub fn order(tolerance: f64) -> usize {
     match tolerance {
         3e-3.. => 3,

@@ -511,9 +511,10 @@ fn expansions(
     backend: &Backend,
 ) -> Result<(usize, usize)> {
     let classic = method == Method::Classic;
-    let order = options.order.unwrap_or(match job.open || classic {
-        true => links::open::order(job.tolerance),
-        false => ORDER,
+    let order = options.order.unwrap_or(match (job.open, classic) {
+        (_, true) => links::classic_order(job.tolerance),
+        (true, false) => links::open::order(job.tolerance),
+        (false, false) => ORDER,
     });
     let (most, place) = match backend {
         Backend::Cpu => (MAX_ORDER, "on the CPU"),

@@ -36,6 +36,15 @@ use crate::visibility::{PointTest, PointVisibility};
 /// to 2.9% and 3.8 to 6.6%.
 pub const CLASSIC_LEAF_SIZE: usize = 2;
 
+/// Largest order of the expansions for a tolerance: 2 down to 0.003, 4 to 0.0003, then 6. Order 1 errs to one side.
+pub fn classic_order(tolerance: f64) -> usize {
+    match tolerance {
+        3e-3.. => 2,
+        3e-4.. => 4,
+        _ => 6,
+    }
+}
+
 /// When points and leaves see each other.
 ///
 /// The thresholds of leaves are parts of their points, not numbers of points as in the report, so
