@@ -58,7 +58,12 @@ walls() { tests --test walls --test curved --test contact --test cave_scan; }
 stability() { cargo test --release --test stability page -- --ignored --nocapture; }
 rays() { tests --test gather; }
 visibility() { tests --test point_visible --test classic --test visibility; }
-open() { cargo bench --bench figure_2_11; }
+open() {
+    cargo bench --bench figure_2_11
+    clock solve scenes/room.toml --points 100000 --tolerance 0.003
+    clock solve scenes/room.toml --points 100000 --tolerance 0.003 --method fmm
+    clock solve scenes/furnace.toml --points 100000 --tolerance 0.01
+}
 order() { tests --test smooth; }
 
 benches() {
