@@ -66,6 +66,11 @@ fn rays_are_tried_where_that_adds_little() {
     let rooms = plan(&scene("two_rooms", 3000), &options(0.01));
     assert_eq!(rooms.instead, Some(Method::Direct), "{rooms}");
     assert_eq!(rooms.most_rays, rooms.rays.map(|rays| 2 * rays), "{rooms}");
+    // Links that follow may take longer than expected as well: then a multiple of what these take.
+    let late = plan(&scene("cornell", 20_000), &options(0.03));
+    assert_eq!(late.instead, Some(Method::Fmm), "{late}");
+    let times = late.most_rays.unwrap() / late.rays.unwrap();
+    assert!((4..=16).contains(&times), "{late}");
 }
 
 #[test]
