@@ -95,12 +95,9 @@ fn stages(criterion: &mut Criterion) {
     group.sample_size(20);
     let counts = case.links.counts().map(|(_, links)| links);
     group.throughput(Throughput::Elements(counts.iter().sum()));
-    apply(
-        &mut group,
-        "cpu",
-        &Fmm::<f32>::new(&case.surfels, &case.octree, &case.links),
-        &case,
-    );
+    let host = Fmm::<f32>::new(&case.surfels, &case.octree, &case.links);
+    apply(&mut group, "cpu", &host, &case);
+    apply(&mut group, "cpu, one colour", &host.grey(), &case);
     if let Some(gpu) = &gpu {
         let device = GpuFmm::new(gpu, &case.surfels, &case.octree, &case.links).unwrap();
         apply(&mut group, "gpu", &device, &case);

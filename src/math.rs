@@ -14,6 +14,22 @@ pub trait Numbers<T>:
     fn splat(x: T) -> Self;
 }
 
+/// Light of a point: red, green and blue, or one number where all is grey.
+pub trait Colour<T>: Numbers<T> + Debug + Send + Sync + 'static + PartialEq {
+    /// What it is where much is calculated with it: red, green and blue of f32 are one SIMD register.
+    type Wide: Colour<T> + From<Self> + Into<Self>;
+    const CHANNELS: usize;
+    /// Of grey the first.
+    fn from_rgb(rgb: [T; 3]) -> Self;
+    /// Of grey all alike.
+    fn to_rgb(self) -> [T; 3];
+}
+
+/// Whether red, green and blue are the same.
+pub(crate) fn is_grey<T: PartialEq>([r, g, b]: [T; 3]) -> bool {
+    r == g && g == b
+}
+
 /// A vector of three reals: a place, a direction, or red, green and blue.
 pub trait Vector<T>:
     Numbers<T>
@@ -38,11 +54,7 @@ pub trait Vector<T>:
 
 /// A real number: f32 or f64.
 pub trait Real:
-    Numbers<Self>
-    + Debug
-    + Send
-    + Sync
-    + 'static
+    Colour<Self, Wide = Self>
     + PartialOrd
     + Sub<Output = Self>
     + SubAssign
@@ -50,9 +62,9 @@ pub trait Real:
     + Neg<Output = Self>
     + Sum
 {
-    type Vec3: Vector<Self>;
+    type Vec3: Vector<Self> + Colour<Self, Wide = Self::Rgb>;
     /// Red, green and blue where much is calculated with them: one SIMD register for f32.
-    type Rgb: Vector<Self> + From<Self::Vec3> + Into<Self::Vec3>;
+    type Rgb: Vector<Self> + Colour<Self> + From<Self::Vec3> + Into<Self::Vec3>;
     const ZERO: Self;
     const ONE: Self;
     /// Distance from 1 to the next number.
@@ -71,11 +83,24 @@ pub trait Real:
 }
 
 macro_rules! vector {
-    ($t:ty, $v:ty, $from:expr, $to:expr) => {
+    ($t:ty, $v:ty, $wide:ty, $from:expr, $to:expr) => {
         impl Numbers<$t> for $v {
             #[inline(always)]
             fn splat(x: $t) -> Self {
                 <$v>::splat(x)
+            }
+        }
+
+        impl Colour<$t> for $v {
+            type Wide = $wide;
+            const CHANNELS: usize = 3;
+            #[inline(always)]
+            fn from_rgb(rgb: [$t; 3]) -> Self {
+                <$v>::from_array(rgb)
+            }
+            #[inline(always)]
+            fn to_rgb(self) -> [$t; 3] {
+                <$v>::to_array(&self)
             }
         }
 
@@ -112,9 +137,10 @@ macro_rules! vector {
     };
 }
 
-vector!(f32, Vec3, |v: Vec3| v, |v: Vec3| v);
-vector!(f32, Vec3A, Vec3A::from, Vec3::from);
-vector!(f64, DVec3, |v: Vec3| v.as_dvec3(), |v: DVec3| v.as_vec3());
+vector!(f32, Vec3, Vec3A, |v: Vec3| v, |v: Vec3| v);
+vector!(f32, Vec3A, Vec3A, Vec3A::from, Vec3::from);
+vector!(f64, DVec3, DVec3, |v: Vec3| v.as_dvec3(), |v: DVec3| v
+    .as_vec3());
 
 macro_rules! real {
     ($t:ty, $v:ty, $rgb:ty, $pi:expr) => {
@@ -122,6 +148,19 @@ macro_rules! real {
             #[inline(always)]
             fn splat(x: $t) -> Self {
                 x
+            }
+        }
+
+        impl Colour<$t> for $t {
+            type Wide = $t;
+            const CHANNELS: usize = 1;
+            #[inline(always)]
+            fn from_rgb([grey, ..]: [$t; 3]) -> Self {
+                grey
+            }
+            #[inline(always)]
+            fn to_rgb(self) -> [$t; 3] {
+                [self; 3]
             }
         }
 

@@ -51,7 +51,7 @@ impl Case {
 fn apply(rows: &Rows, radiosity: &[f64]) -> Vec<f64> {
     let radiosity: Vec<DVec3> = radiosity.iter().map(|&b| DVec3::splat(b)).collect();
     let mut irradiance = vec![DVec3::ZERO; radiosity.len()];
-    cpu::near_field::<f64>(rows, &radiosity, &mut irradiance);
+    cpu::near_field::<f64, _>(rows, &radiosity, &mut irradiance);
     irradiance.iter().map(|h| h.x).collect()
 }
 

@@ -134,7 +134,7 @@ fn compare_stages(case: &Case) {
     same("p2p", &found, &expected);
 
     let irradiance = buffer(&expected);
-    cpu::near_field::<f32>(&links.near, &radiosity, &mut expected);
+    cpu::near_field::<f32, _>(&links.near, &radiosity, &mut expected);
     let found = run(&irradiance, |batch| stages.near_field(batch, &irradiance));
     same("near_field", &found, &expected);
 }

@@ -171,7 +171,7 @@ impl Linked {
         stage(
             "L2P",
             n,
-            &mut || drop(cpu::l2p(octree, surface, &inherited)),
+            &mut || drop(cpu::l2p::<f32, Vec3>(octree, surface, &inherited)),
             &|stages, batch, field| stages.l2p(batch, field),
         )?;
         let mixed_order = order.min(MIXED_ORDER);
@@ -221,7 +221,7 @@ impl Linked {
         stage(
             "near field",
             links.near.len(),
-            &mut || cpu::near_field::<f32>(&links.near, radiosity, &mut irradiance),
+            &mut || cpu::near_field::<f32, _>(&links.near, radiosity, &mut irradiance),
             &|stages, batch, field| stages.near_field(batch, field),
         )?;
         let facets = &octree.facets;

@@ -73,7 +73,7 @@ impl Linked {
     pub fn solve(&mut self, task: &Task, work: &Work) -> Result<Bounced> {
         let (surfels, octree, links) = (task.surfels, task.octree, &self.kept.links);
         let Some(gpu) = &self.gpu else {
-            return work.solve(&Fmm::<f32>::new(surfels, octree, links), task.progress);
+            return work.solve_by_links(&Fmm::new(surfels, octree, links), task.progress);
         };
         let operator = match self.on_device.take() {
             Some(operator) => operator,

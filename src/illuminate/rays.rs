@@ -334,7 +334,7 @@ fn noise(halves: &[Rows; 2], bounced: &Bounced, lights: &[DVec3]) -> f64 {
     let sent: Vec<Vec3> = bounced.sent.iter().map(|b| (*b / unit).as_vec3()).collect();
     let [a, b] = halves.each_ref().map(|near| {
         let mut irradiance = vec![Vec3::ZERO; sent.len()];
-        cpu::near_field::<f32>(near, &sent, &mut irradiance);
+        cpu::near_field::<f32, _>(near, &sent, &mut irradiance);
         irradiance
     });
     let differences = a

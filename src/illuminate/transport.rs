@@ -408,7 +408,7 @@ impl Way<'_> {
         let (surfels, octree, progress) = (task.surfels, task.octree, task.progress);
         let gpu = self.gpu;
         let solve = |links: &Links, work: &Work| match gpu {
-            None => work.solve(&Fmm::<f32>::new(surfels, octree, links), progress),
+            None => work.solve_by_links(&Fmm::new(surfels, octree, links), progress),
             Some(gpu) => work.solve(&GpuFmm::new(gpu, surfels, octree, links)?, progress),
         };
         match (self.method, self.occluders) {

@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::checks::{Bounce, Checked, check};
 use crate::error::{Error, Result};
-use crate::operator::{Fields, TransportOperator};
+use crate::math::is_grey;
+use crate::operator::{Fields, Fmm, TransportOperator};
 use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::solve::{Ended, Stop, solve};
@@ -43,14 +44,36 @@ pub(super) const BOUNCES_INSTEAD: u32 = 30;
 
 impl Work<'_> {
     /// Solves for the reflected radiosity, then takes one more step, whose change is the residual.
-    ///
-    /// All of it stays where the operator is; what the last step brings is all that comes back, and
-    /// with checks what it was made of.
     pub fn solve<O: TransportOperator>(
         &self,
         operator: &O,
         progress: &dyn Progress,
     ) -> Result<Bounced> {
+        self.checked(self.bounces(operator, progress)?, operator, progress)
+    }
+
+    /// The same by links on the CPU, where grey light on grey surfaces is one colour instead of three.
+    pub fn solve_by_links(&self, operator: &Fmm<f32>, progress: &dyn Progress) -> Result<Bounced> {
+        let bounces = match self.is_grey() {
+            true => self.bounces(&operator.grey(), progress)?,
+            false => self.bounces(operator, progress)?,
+        };
+        self.checked(bounces, operator, progress)
+    }
+
+    fn is_grey(&self) -> bool {
+        let mut light = self.lights.iter().chain(self.start.into_iter().flatten());
+        let mut reflectance = self.surfels.reflectance.iter();
+        reflectance.all(|r| is_grey(r.to_array())) && light.all(|h| is_grey(h.to_array()))
+    }
+
+    /// All of it stays where the operator is; what the last step brings is all that comes back, and
+    /// what it was made of.
+    fn bounces<O: TransportOperator>(
+        &self,
+        operator: &O,
+        progress: &dyn Progress,
+    ) -> Result<Bounces> {
         let unit = self.unit();
         let (mut reflected, mut arrived, mut ended) =
             self.attempt(operator, unit, self.stop, progress)?;
@@ -68,7 +91,27 @@ impl Work<'_> {
             }
             ended.converged = false;
         }
-        let mut sent = operator.fields().download(&reflected)?;
+        Ok(Bounces {
+            sent: operator.fields().download(&reflected)?,
+            arrived,
+            ended,
+            unit,
+        })
+    }
+
+    /// Light in its unit again, and the operator checked, if it is.
+    fn checked<O: TransportOperator>(
+        &self,
+        bounces: Bounces,
+        operator: &O,
+        progress: &dyn Progress,
+    ) -> Result<Bounced> {
+        let Bounces {
+            mut sent,
+            arrived,
+            ended,
+            unit,
+        } = bounces;
         let check = |(visibility, seed)| {
             let last = Bounce {
                 radiosity: &sent,
@@ -152,6 +195,14 @@ impl Work<'_> {
         };
         Ok((reflected, arrived, ended))
     }
+}
+
+/// A solution in a unit of light: what surfels send, and what that brings.
+struct Bounces {
+    sent: Vec<DVec3>,
+    arrived: Vec<DVec3>,
+    ended: Ended,
+    unit: f64,
 }
 
 type Attempt<O> = (

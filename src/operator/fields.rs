@@ -1,4 +1,4 @@
-//! Fields: one RGB value a surfel, on the backend of the operator that they belong to.
+//! Fields: light of each surfel, on the backend of the operator that they belong to.
 
 use std::marker::PhantomData;
 
@@ -6,11 +6,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::error::Result;
-use crate::math::{Real, Vector};
+use crate::math::{Colour, Real};
 
 /// Arithmetic on fields. A solver needs no more than this.
 pub trait Fields {
-    /// One RGB value a surfel.
+    /// One RGB value a surfel, or one number.
     type Field;
     /// Their relative rounding.
     const EPSILON: f64;
@@ -41,25 +41,25 @@ pub trait Fields {
     }
 }
 
-/// Fields in main memory.
+/// Fields in main memory: red, green and blue, or one number, where all colours are grey.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct HostFields<T>(PhantomData<T>);
+pub struct HostFields<T: Real, C = <T as Real>::Vec3>(PhantomData<(T, C)>);
 
 /// Sums are taken over blocks of fixed length, so that they do not depend on the number of
 /// threads.
 const BLOCK: usize = 4096;
 
-impl<T: Real> Fields for HostFields<T> {
-    type Field = Vec<T::Vec3>;
+impl<T: Real, C: Colour<T>> Fields for HostFields<T, C> {
+    type Field = Vec<C>;
     const EPSILON: f64 = T::EPSILON;
 
     fn upload(&self, values: &[DVec3]) -> Result<Self::Field> {
-        let narrow = |v: &DVec3| T::Vec3::new(T::from_f64(v.x), T::from_f64(v.y), T::from_f64(v.z));
+        let narrow = |v: &DVec3| C::from_rgb(v.to_array().map(T::from_f64));
         Ok(values.par_iter().map(narrow).collect())
     }
 
     fn download(&self, field: &Self::Field) -> Result<Vec<DVec3>> {
-        let wide = |v: &T::Vec3| DVec3::from_array(v.to_array().map(T::to_f64));
+        let wide = |v: &C| DVec3::from_array(v.to_rgb().map(T::to_f64));
         Ok(field.par_iter().map(wide).collect())
     }
 
@@ -87,11 +87,15 @@ impl<T: Real> Fields for HostFields<T> {
     }
 
     fn dots(&self, xs: &[&Self::Field], y: &Self::Field) -> Result<Vec<f64>> {
+        let product = |(&a, &b): (&C, &C)| -> f64 {
+            let channels = (a * b).to_rgb().into_iter().take(C::CHANNELS);
+            channels.sum::<T>().to_f64()
+        };
         let dot = |x: &&Self::Field| {
             let blocks: Vec<f64> = x
                 .par_chunks(BLOCK)
                 .zip(y.par_chunks(BLOCK))
-                .map(|(x, y)| x.iter().zip(y).map(|(a, b)| a.dot(*b).to_f64()).sum())
+                .map(|(x, y)| x.iter().zip(y).map(product).sum())
                 .collect();
             blocks.iter().sum()
         };

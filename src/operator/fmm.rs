@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::expansion::Surface;
 use crate::links::{Links, MIXED_ORDER};
-use crate::math::Real;
+use crate::math::{Colour, Real};
 use crate::octree::Octree;
 use crate::operator::{HostFields, TransportOperator};
 use crate::passes::cpu::{l2l, l2p, m2l, m2m, m2p, mixed, near_field, p2l, p2m, p2p};
@@ -27,16 +27,16 @@ impl<'a, T: Real> Fmm<'a, T> {
             fields: HostFields::default(),
         }
     }
-}
 
-impl<T: Real> TransportOperator for Fmm<'_, T> {
-    type Fields = HostFields<T>;
-
-    fn fields(&self) -> &HostFields<T> {
-        &self.fields
+    /// The same for grey light: the same bits, of one colour instead of three.
+    pub fn grey(&self) -> GreyFmm<'_, T> {
+        GreyFmm {
+            fmm: self,
+            fields: HostFields::default(),
+        }
     }
 
-    fn apply(&self, radiosity: &Vec<T::Vec3>) -> Result<Vec<T::Vec3>> {
+    fn irradiance<C: Colour<T>>(&self, radiosity: &[C]) -> Vec<C> {
         let (octree, links, surface) = (self.octree, self.links, &self.surface);
         let mut moments = p2m(links.order(), octree, surface, radiosity);
         m2m(octree, &mut moments);
@@ -55,7 +55,37 @@ impl<T: Real> TransportOperator for Fmm<'_, T> {
             &mut irradiance,
         );
         p2p(octree, surface, &links.p2p, radiosity, &mut irradiance);
-        near_field::<T>(&links.near, radiosity, &mut irradiance);
-        Ok(irradiance)
+        near_field::<T, C>(&links.near, radiosity, &mut irradiance);
+        irradiance
+    }
+}
+
+impl<T: Real> TransportOperator for Fmm<'_, T> {
+    type Fields = HostFields<T>;
+
+    fn fields(&self) -> &HostFields<T> {
+        &self.fields
+    }
+
+    fn apply(&self, radiosity: &Vec<T::Vec3>) -> Result<Vec<T::Vec3>> {
+        Ok(self.irradiance(radiosity))
+    }
+}
+
+/// [`Fmm`] for grey light.
+pub struct GreyFmm<'a, T: Real> {
+    fmm: &'a Fmm<'a, T>,
+    fields: HostFields<T, T>,
+}
+
+impl<T: Real> TransportOperator for GreyFmm<'_, T> {
+    type Fields = HostFields<T, T>;
+
+    fn fields(&self) -> &HostFields<T, T> {
+        &self.fields
+    }
+
+    fn apply(&self, radiosity: &Vec<T>) -> Result<Vec<T>> {
+        Ok(self.fmm.irradiance(radiosity))
     }
 }

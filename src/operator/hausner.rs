@@ -162,7 +162,7 @@ impl TransportOperator for Hausner<'_> {
             radiosity,
             &mut irradiance,
         );
-        near_field::<f64>(&links.near, radiosity, &mut irradiance);
+        near_field::<f64, _>(&links.near, radiosity, &mut irradiance);
         Ok(irradiance)
     }
 }

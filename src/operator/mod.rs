@@ -14,7 +14,7 @@ mod trial;
 pub use all_pairs::AllPairs;
 pub use direct::{Direct, exact_irradiance, exact_irradiances};
 pub use fields::{Fields, HostFields};
-pub use fmm::Fmm;
+pub use fmm::{Fmm, GreyFmm};
 pub use gpu::GpuFmm;
 pub use gpu_fields::GpuFields;
 pub use hausner::Hausner;

@@ -171,7 +171,7 @@ impl Plan {
             free_bytes: free,
         };
         Ok(Plan {
-            choices: plan.explained(options, &job, why),
+            choices: plan.explained(options, scene, &job, why),
             ..plan
         })
     }
@@ -195,7 +195,7 @@ impl Plan {
     }
 
     /// The decisions in words.
-    fn explained(&self, options: &Options, job: &Job, why: String) -> Vec<Choice> {
+    fn explained(&self, options: &Options, scene: &Scene, job: &Job, why: String) -> Vec<Choice> {
         let choice = |what, taken: &dyn fmt::Display, why: &str| Choice {
             what,
             taken: taken.to_string(),
@@ -274,11 +274,16 @@ impl Plan {
                 "until what is left is small against the tolerance",
             ),
         });
-        choices.push(choice(
-            "colours",
-            &"three",
-            "side by side in a register: grey light alone would take as long",
-        ));
+        let host = matches!(self.method, Method::Fmm | Method::Gather) && self.backend == "cpu";
+        let (colours, why) = match (scene.is_grey(), host) {
+            (true, true) => ("one", "all light and all surfaces are grey"),
+            (true, false) => (
+                "three",
+                "all is grey, but only links and rays on the CPU have use for that",
+            ),
+            (false, _) => ("three", "not all is grey"),
+        };
+        choices.push(choice("colours", &colours, why));
         choices.push(match self.method {
             Method::Direct => choice("precision", &"f64", "exact sums are the reference"),
             _ => choice("precision", &"f32", "it rounds light by a millionth or so"),

@@ -16,6 +16,7 @@ use glam::{DVec3, Vec3};
 pub(crate) use load::DEFAULT_POINTS;
 pub use values::{BRIGHTEST, LARGEST, TOLERANCES};
 
+use crate::math::is_grey;
 use crate::points::PointCloud;
 
 /// A light of zero size.
@@ -55,6 +56,16 @@ pub struct Scene {
     pub tolerance: Option<f64>,
     /// The files it was read from.
     pub sources: Vec<Source>,
+}
+
+impl Scene {
+    /// Whether all light and all surfaces are grey.
+    pub fn is_grey(&self) -> bool {
+        let cloud = &self.cloud;
+        let lights = self.lights.iter().map(|light| light.intensity);
+        let colours = cloud.reflectance.iter().chain(&cloud.emission).copied();
+        (lights.chain([self.sky]).chain(colours)).all(|colour| is_grey(colour.to_array()))
+    }
 }
 
 /// A file of a scene.

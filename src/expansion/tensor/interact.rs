@@ -5,20 +5,20 @@ use std::f64::consts::FRAC_1_PI;
 use super::indices::{Indices, count};
 use super::side_by_side::{self, Link};
 use super::{Workspace, parts, parts_mut, written_out};
-use crate::math::{Numbers, Real, Vector};
+use crate::math::{Colour, Numbers, Real, Vector};
 
-impl<T: Real> Workspace<'_, T> {
+impl<T: Real, C: Colour<T>> Workspace<'_, T, C> {
     /// M2L: adds the field of the moments `source` times the visible `fraction`, of an order that
     /// may be lower than that of either expansion. `way` leads from the source's centre to this
     /// one's; `scales` are the source's and this one's.
     pub fn m2l(
         &mut self,
         order: usize,
-        source: &[T::Rgb],
+        source: &[C],
         way: T::Vec3,
         scales: [T; 2],
         fraction: T,
-        local: &mut [T::Rgb],
+        local: &mut [C],
     ) {
         let far = Far::new(way);
         self.derive(order, far.direction);
@@ -27,16 +27,16 @@ impl<T: Real> Workspace<'_, T> {
         self.weigh(order, far.strength(fraction), target_ratio);
         let (tensor, moments, weights) = (&self.tensor, &self.scaled, &self.weights);
         let vectors = &mut parts_mut(local).1[..count(order)];
-        let add = |b: usize, field: [T::Rgb; 3]| {
+        let add = |b: usize, field: [C; 3]| {
             for i in 0..3 {
                 vectors[b][i] += field[i] * weights[b];
             }
         };
         match order {
-            0 => written_out::convolve_0::<T, T::Rgb>(tensor, moments, add),
-            1 => written_out::convolve_1::<T, T::Rgb>(tensor, moments, add),
-            2 => written_out::convolve_2::<T, T::Rgb>(tensor, moments, add),
-            _ => convolve::<T>(self.indices, order, tensor, moments, add),
+            0 => written_out::convolve_0::<T, C>(tensor, moments, add),
+            1 => written_out::convolve_1::<T, C>(tensor, moments, add),
+            2 => written_out::convolve_2::<T, C>(tensor, moments, add),
+            _ => convolve::<T, C>(self.indices, order, tensor, moments, add),
         }
     }
 
@@ -44,9 +44,9 @@ impl<T: Real> Workspace<'_, T> {
     pub fn m2l_of_all<'m>(
         &mut self,
         order: usize,
-        links: impl Iterator<Item = Link<'m, T>>,
+        links: impl Iterator<Item = Link<'m, T, C>>,
         scale: T,
-        local: &mut [T::Rgb],
+        local: &mut [C],
     ) {
         match order {
             side_by_side::ORDER => side_by_side::m2l(links, scale, local),
@@ -61,16 +61,16 @@ impl<T: Real> Workspace<'_, T> {
     /// `normal`. `way` leads from the surfel to the local expansion's centre.
     pub fn p2l(
         &mut self,
-        flux: T::Rgb,
+        flux: C,
         normal: T::Vec3,
         way: T::Vec3,
         target_scale: T,
-        local: &mut [T::Rgb],
+        local: &mut [C],
     ) {
         let order = self.indices.order();
         let far = Far::new(way);
         self.derive(order, far.direction);
-        let n = normal.to_array().map(T::Rgb::splat);
+        let n = normal.to_array().map(C::splat);
         self.weigh(order, far.strength(T::ONE), target_scale * far.inverse);
         let fields = self.tensor.iter().zip(&self.weights);
         for (l, (tensor, &weight)) in parts_mut(local).1.iter_mut().zip(fields) {
@@ -86,20 +86,20 @@ impl<T: Real> Workspace<'_, T> {
     pub fn m2p(
         &mut self,
         order: usize,
-        source: &[T::Rgb],
+        source: &[C],
         source_scale: T,
         way: T::Vec3,
         normal: T::Vec3,
-    ) -> T::Rgb {
+    ) -> C {
         let far = Far::new(way);
         self.derive(order, far.direction);
-        let n = normal.to_array().map(T::Rgb::splat);
+        let n = normal.to_array().map(C::splat);
         let step = -source_scale * far.inverse;
         let vectors = parts(source).1;
-        let mut irradiance = T::Rgb::default();
+        let mut irradiance = C::default();
         let mut factor = far.strength(T::ONE);
         for degree in 0..=order {
-            let mut sum = T::Rgb::default();
+            let mut sum = C::default();
             for a in Indices::of_degree(degree) {
                 let [x, y, z] = apply(&self.tensor[a], &n);
                 let m = &vectors[a];
@@ -112,7 +112,7 @@ impl<T: Real> Workspace<'_, T> {
     }
 
     /// M^α (-ratio)^|α|.
-    fn scale_moments(&mut self, order: usize, moments: &[T::Rgb], ratio: T) {
+    fn scale_moments(&mut self, order: usize, moments: &[C], ratio: T) {
         let vectors = parts(moments).1;
         let mut factor = T::ONE;
         for degree in 0..=order {
@@ -136,17 +136,17 @@ impl<T: Real> Workspace<'_, T> {
 }
 
 /// Σ_α T^(α+β) M^α for every β.
-fn convolve<T: Real>(
+fn convolve<T: Real, C: Colour<T>>(
     indices: &Indices,
     order: usize,
-    tensor: &[[T::Rgb; 6]],
-    moments: &[[T::Rgb; 3]],
-    mut field: impl FnMut(usize, [T::Rgb; 3]),
+    tensor: &[[C; 6]],
+    moments: &[[C; 3]],
+    mut field: impl FnMut(usize, [C; 3]),
 ) {
     for degree in 0..=order {
         let moments = &moments[..count(order - degree)];
         for b in Indices::of_degree(degree) {
-            field(b, contract::<T, T::Rgb>(tensor, moments, indices.sums(b)));
+            field(b, contract::<T, C>(tensor, moments, indices.sums(b)));
         }
     }
 }

@@ -60,9 +60,11 @@ pub use indices::{Indices, count, position};
 pub use side_by_side::Link;
 pub use workspace::Workspace;
 
+use std::marker::PhantomData;
+
 use rayon::prelude::*;
 
-use crate::math::Real;
+use crate::math::{Colour, Real};
 
 /// Number of coefficients of an expansion of this order.
 pub const fn coefficients(order: usize) -> usize {
@@ -71,19 +73,21 @@ pub const fn coefficients(order: usize) -> usize {
 
 /// The moments or the local expansions of all facets.
 #[derive(Clone, Debug)]
-pub struct Expansions<T: Real> {
+pub struct Expansions<T: Real, C = <T as Real>::Rgb> {
     indices: Indices,
-    coefficients: Vec<T::Rgb>,
+    coefficients: Vec<C>,
+    real: PhantomData<T>,
 }
 
-impl<T: Real> Expansions<T> {
+impl<T: Real, C: Colour<T>> Expansions<T, C> {
     /// Zeros for so many facets.
     pub fn zeros(order: usize, facets: usize) -> Self {
         // Large enough that clearing the memory is work for all threads.
-        let zeros = rayon::iter::repeat_n(T::Rgb::default(), facets * coefficients(order));
+        let zeros = rayon::iter::repeat_n(C::default(), facets * coefficients(order));
         Expansions {
             indices: Indices::new(order),
             coefficients: zeros.collect(),
+            real: PhantomData,
         }
     }
 
@@ -103,18 +107,18 @@ impl<T: Real> Expansions<T> {
 
     /// The expansion of facet `f`.
     #[inline(always)]
-    pub fn of(&self, f: usize) -> &[T::Rgb] {
+    pub fn of(&self, f: usize) -> &[C] {
         let stride = self.stride();
         &self.coefficients[f * stride..(f + 1) * stride]
     }
 
     /// All coefficients, facet by facet.
-    pub fn as_slice(&self) -> &[T::Rgb] {
+    pub fn as_slice(&self) -> &[C] {
         &self.coefficients
     }
 
     /// The multi-indices, and all coefficients to be changed.
-    pub fn split_mut(&mut self) -> (&Indices, &mut [T::Rgb]) {
+    pub fn split_mut(&mut self) -> (&Indices, &mut [C]) {
         (&self.indices, &mut self.coefficients)
     }
 }

@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_1_PI;
 
 use super::indices::count;
 use super::{parts, parts_mut, written_out};
-use crate::math::{Real, Vector};
+use crate::math::{Colour, Real, Vector};
 
 /// The order.
 pub const ORDER: usize = 1;
@@ -15,8 +15,8 @@ const LANES: usize = 8;
 
 /// Where M2L takes light from.
 #[derive(Clone, Copy)]
-pub struct Link<'m, T: Real> {
-    pub moments: &'m [T::Rgb],
+pub struct Link<'m, T: Real, C = <T as Real>::Rgb> {
+    pub moments: &'m [C],
     /// From the source's centre to the target's.
     pub way: T::Vec3,
     /// The source's.
@@ -37,7 +37,11 @@ struct Several<T: Real> {
 }
 
 /// Adds the fields of all links to a local expansion with this scale.
-pub fn m2l<'m, T: Real>(links: impl Iterator<Item = Link<'m, T>>, scale: T, local: &mut [T::Rgb]) {
+pub fn m2l<'m, T: Real, C: Colour<T>>(
+    links: impl Iterator<Item = Link<'m, T, C>>,
+    scale: T,
+    local: &mut [C],
+) {
     let mut links = links.peekable();
     if links.peek().is_none() {
         return;
@@ -55,18 +59,17 @@ pub fn m2l<'m, T: Real>(links: impl Iterator<Item = Link<'m, T>>, scale: T, loca
         several.take(taken, &link);
         taken += 1;
         if taken == LANES {
-            several.add(scale, &mut sum);
+            several.add::<C>(scale, &mut sum);
             taken = 0;
         }
     }
     if taken > 0 {
         several.leave(taken);
-        several.add(scale, &mut sum);
+        several.add::<C>(scale, &mut sum);
     }
     for (vector, sum) in parts_mut(local).1.iter_mut().zip(&sum) {
         for (component, colours) in vector.iter_mut().zip(sum) {
-            let [r, g, b] = colours.map(|lanes| lanes.into_iter().sum());
-            *component += T::Vec3::new(r, g, b).into();
+            *component += C::from_rgb(colours.map(|lanes| lanes.into_iter().sum()));
         }
     }
 }
@@ -74,10 +77,10 @@ pub fn m2l<'m, T: Real>(links: impl Iterator<Item = Link<'m, T>>, scale: T, loca
 impl<T: Real> Several<T> {
     /// Puts a link into a lane.
     #[inline(always)]
-    fn take(&mut self, lane: usize, link: &Link<T>) {
+    fn take<C: Colour<T>>(&mut self, lane: usize, link: &Link<T, C>) {
         for (to, from) in self.moments.iter_mut().zip(parts(link.moments).1) {
             for (to, from) in to.iter_mut().zip(from) {
-                for (to, from) in to.iter_mut().zip(from.to_array()) {
+                for (to, from) in to[..C::CHANNELS].iter_mut().zip(from.to_rgb()) {
                     to[lane] = from;
                 }
             }
@@ -102,26 +105,26 @@ impl<T: Real> Several<T> {
     }
 
     /// Adds their fields, in the widest instructions that the machine has.
-    fn add(&self, scale: T, sum: &mut Vectors<T>) {
+    fn add<C: Colour<T>>(&self, scale: T, sum: &mut Vectors<T>) {
         #[cfg(target_arch = "x86_64")]
         {
             #[target_feature(enable = "avx2")]
-            fn wide<T: Real>(all: &Several<T>, scale: T, sum: &mut Vectors<T>) {
-                all.fields(scale, sum);
+            fn wide<T: Real, C: Colour<T>>(all: &Several<T>, scale: T, sum: &mut Vectors<T>) {
+                all.fields::<C>(scale, sum);
             }
             if is_x86_feature_detected!("avx2") {
                 // SAFETY: the machine has what `wide` is compiled for.
-                return unsafe { wide(self, scale, sum) };
+                return unsafe { wide::<T, C>(self, scale, sum) };
             }
         }
-        self.fields(scale, sum);
+        self.fields::<C>(scale, sum);
     }
 
     /// Inlined, so that it is compiled for the instructions of the caller. As [`Workspace::m2l`], lane by lane.
     ///
     /// [`Workspace::m2l`]: super::Workspace::m2l
     #[inline(always)]
-    fn fields(&self, scale: T, sum: &mut Vectors<T>) {
+    fn fields<C: Colour<T>>(&self, scale: T, sum: &mut Vectors<T>) {
         let zero = [T::ZERO; LANES];
         let mut tensors = [[zero; 6]; COUNT];
         let (mut sources, mut weights) = (zero, [zero; 2]);
@@ -141,7 +144,7 @@ impl<T: Real> Several<T> {
             weights[0][l] = -self.fraction[l] * T::from_f64(FRAC_1_PI) * inverse * inverse;
             weights[1][l] = weights[0][l] * scale * inverse;
         }
-        for c in 0..3 {
+        for c in 0..C::CHANNELS {
             for l in 0..LANES {
                 let mut tensor = [[T::ZERO; 6]; COUNT];
                 let mut moments = [[T::ZERO; 3]; COUNT];

@@ -2,11 +2,11 @@
 
 use super::indices::Indices;
 use super::{Workspace, parts, parts_mut};
-use crate::math::{Real, Vector};
+use crate::math::{Colour, Real, Vector};
 
-impl<T: Real> Workspace<'_, T> {
+impl<T: Real, C: Colour<T>> Workspace<'_, T, C> {
     /// P2M: adds a surfel with `flux` = A B and unit `normal` at `place` = s / scale.
-    pub fn p2m(&mut self, flux: T::Rgb, normal: T::Vec3, place: T::Vec3, moments: &mut [T::Rgb]) {
+    pub fn p2m(&mut self, flux: C, normal: T::Vec3, place: T::Vec3, moments: &mut [C]) {
         self.expand(self.indices.order(), place);
         let charge = normal.to_array().map(|n| flux * n);
         let (scalar, vectors) = parts_mut(moments);
@@ -20,7 +20,7 @@ impl<T: Real> Workspace<'_, T> {
 
     /// M2M: adds a child's moments to its parent's. The child's scale is `ratio` times the
     /// parent's, its centre at `place` in units of the parent's scale.
-    pub fn m2m(&mut self, child: &[T::Rgb], ratio: T, place: T::Vec3, parent: &mut [T::Rgb]) {
+    pub fn m2m(&mut self, child: &[C], ratio: T, place: T::Vec3, parent: &mut [C]) {
         let order = self.indices.order();
         self.expand(order, place);
         let ((power, child), (scalar, parent)) = (parts(child), parts_mut(parent));
@@ -42,7 +42,7 @@ impl<T: Real> Workspace<'_, T> {
 
     /// L2L: adds a parent's local expansion to its child's, with `ratio` and `place` as in
     /// [`Self::m2m`].
-    pub fn l2l(&mut self, parent: &[T::Rgb], ratio: T, place: T::Vec3, child: &mut [T::Rgb]) {
+    pub fn l2l(&mut self, parent: &[C], ratio: T, place: T::Vec3, child: &mut [C]) {
         let order = self.indices.order();
         self.expand(order, place);
         let ((constant, parent), (scalar, child)) = (parts(parent), parts_mut(child));
@@ -53,7 +53,7 @@ impl<T: Real> Workspace<'_, T> {
         let mut factor = T::ONE;
         for degree in 0..=order {
             for b in Indices::of_degree(degree) {
-                let mut sum = [T::Rgb::default(); 3];
+                let mut sum = [C::default(); 3];
                 for (&above, &s) in self.indices.sums(b).iter().zip(&self.monomials) {
                     let l = &self.scaled[usize::from(above)];
                     for k in 0..3 {
@@ -70,11 +70,11 @@ impl<T: Real> Workspace<'_, T> {
     }
 
     /// L2P: irradiance of a surfel with unit `normal` at `place` = t / scale.
-    pub fn l2p(&mut self, local: &[T::Rgb], normal: T::Vec3, place: T::Vec3) -> T::Rgb {
+    pub fn l2p(&mut self, local: &[C], normal: T::Vec3, place: T::Vec3) -> C {
         self.expand(self.indices.order(), place);
         let (&constant, vectors) = parts(local);
         let weights = self.monomials.iter().zip(&self.factorials);
-        let mut field = [T::Rgb::default(); 3];
+        let mut field = [C::default(); 3];
         for (l, (&s, &f)) in vectors.iter().zip(weights) {
             let power = s * f;
             for k in 0..3 {

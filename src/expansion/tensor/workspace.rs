@@ -1,12 +1,12 @@
 use super::derivatives::{Term, lower};
 use super::indices::{Indices, count, factorial};
 use super::written_out;
-use crate::math::{Numbers, Real, Vector};
+use crate::math::{Colour, Real, Vector};
 
 /// What the passes of one thread need on the way: tables in its reals and room for what comes
 /// between. Its methods are the passes for one surfel, facet or link each.
 #[derive(Clone, Debug)]
-pub struct Workspace<'a, T: Real> {
+pub struct Workspace<'a, T: Real, C = <T as Real>::Rgb> {
     pub(super) indices: &'a Indices,
     /// γ! and 1/γ!
     pub(super) factorials: Vec<T>,
@@ -20,15 +20,15 @@ pub struct Workspace<'a, T: Real> {
     /// A number for each multi-index.
     pub(super) weights: Vec<T>,
     /// Vectors of an expansion, scaled anew.
-    pub(super) scaled: Vec<[T::Rgb; 3]>,
+    pub(super) scaled: Vec<[C; 3]>,
     /// Room for [`Term::derive`].
-    inverse: Vec<T::Rgb>,
-    vector: Vec<[T::Rgb; 3]>,
+    inverse: Vec<C>,
+    vector: Vec<[C; 3]>,
     /// Derivatives ∂^γ of r rᵀ/r⁴: xx, xy, xz, yy, yz, zz, all lanes alike.
-    pub(super) tensor: Vec<[T::Rgb; 6]>,
+    pub(super) tensor: Vec<[C; 6]>,
 }
 
-impl<'a, T: Real> Workspace<'a, T> {
+impl<'a, T: Real, C: Colour<T>> Workspace<'a, T, C> {
     pub fn new(indices: &'a Indices) -> Self {
         let all = indices.exponents();
         let step = |g: &[u8; 3]| {
@@ -37,7 +37,7 @@ impl<'a, T: Real> Workspace<'a, T> {
             (lower(*g, axis, 1).unwrap_or(0), axis, inverse)
         };
         let reals = |f: fn(f64) -> f64| all.iter().map(|&g| T::from_f64(f(factorial(g)))).collect();
-        let zero = T::Rgb::default();
+        let zero = C::default();
         Workspace {
             indices,
             factorials: reals(|f| f),
@@ -65,16 +65,16 @@ impl<'a, T: Real> Workspace<'a, T> {
     /// Derivatives of r rᵀ/r⁴ at the unit vector `u` up to an order.
     #[inline(always)]
     pub(super) fn derive(&mut self, order: usize, u: T::Vec3) {
-        let u = u.to_array().map(T::Rgb::splat);
+        let u = u.to_array().map(C::splat);
         match order {
-            0 => written_out::derive_0::<T, T::Rgb>(u, &mut self.tensor),
-            1 => written_out::derive_1::<T, T::Rgb>(u, &mut self.tensor),
-            2 => written_out::derive_2::<T, T::Rgb>(u, &mut self.tensor),
-            3 => written_out::derive_3::<T, T::Rgb>(u, &mut self.tensor),
+            0 => written_out::derive_0::<T, C>(u, &mut self.tensor),
+            1 => written_out::derive_1::<T, C>(u, &mut self.tensor),
+            2 => written_out::derive_2::<T, C>(u, &mut self.tensor),
+            3 => written_out::derive_3::<T, C>(u, &mut self.tensor),
             _ => {
                 let (inverse, vector) = (&mut self.inverse, &mut self.vector);
                 for (i, term) in self.terms[..count(order)].iter().enumerate() {
-                    term.derive::<T, T::Rgb>(i, u, inverse, vector, &mut self.tensor);
+                    term.derive::<T, C>(i, u, inverse, vector, &mut self.tensor);
                 }
             }
         }

@@ -2,18 +2,22 @@ use rayon::prelude::*;
 
 use super::{centre, leaves, scale};
 use crate::expansion::{Expansions, Surface, Workspace};
-use crate::math::Real;
+use crate::math::{Colour, Real};
 use crate::octree::Octree;
 
 /// L2P: irradiance of each surfel from the local expansion of its leaf.
-pub fn l2p<T: Real>(octree: &Octree, surface: &Surface<T>, locals: &Expansions<T>) -> Vec<T::Vec3> {
+pub fn l2p<T: Real, C: Colour<T>>(
+    octree: &Octree,
+    surface: &Surface<T>,
+    locals: &Expansions<T, C::Wide>,
+) -> Vec<C> {
     let indices = locals.indices();
-    let zeros = rayon::iter::repeat_n(T::Vec3::default(), surface.len());
-    let mut irradiance: Vec<T::Vec3> = zeros.collect();
+    let zeros = rayon::iter::repeat_n(C::default(), surface.len());
+    let mut irradiance: Vec<C> = zeros.collect();
     leaves(octree, &mut irradiance)
         .into_par_iter()
         .for_each_init(
-            || Workspace::<T>::new(indices),
+            || Workspace::<T, C::Wide>::new(indices),
             |workspace, (f, irradiance)| {
                 let facet = &octree.facets[f];
                 let inverse_scale = T::ONE / scale::<T>(facet);

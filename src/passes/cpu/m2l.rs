@@ -3,12 +3,16 @@ use rayon::prelude::*;
 use super::{centre, scale};
 use crate::expansion::{Expansions, Link, Workspace};
 use crate::links::Links;
-use crate::math::Real;
+use crate::math::{Colour, Real};
 use crate::octree::Octree;
 
 /// M2L: each facet's local expansion from the moments of the facets that it is linked to, each link
 /// by its order; and from their power by sampled links.
-pub fn m2l<T: Real>(octree: &Octree, links: &Links, moments: &Expansions<T>) -> Expansions<T> {
+pub fn m2l<T: Real, C: Colour<T>>(
+    octree: &Octree,
+    links: &Links,
+    moments: &Expansions<T, C>,
+) -> Expansions<T, C> {
     let mut locals = Expansions::zeros(moments.order(), octree.facets.len());
     let stride = locals.stride();
     let (indices, coefficients) = locals.split_mut();
@@ -17,7 +21,7 @@ pub fn m2l<T: Real>(octree: &Octree, links: &Links, moments: &Expansions<T>) -> 
         .zip(&octree.facets)
         .enumerate()
         .for_each_init(
-            || Workspace::<T>::new(indices),
+            || Workspace::<T, C>::new(indices),
             |workspace, (t, (local, target))| {
                 for (order, rows) in links.m2l.iter().enumerate() {
                     let links = rows.row(t).map(|(s, fraction)| {

@@ -2,11 +2,11 @@ use rayon::prelude::*;
 
 use super::within;
 use crate::expansion::{Expansions, Workspace};
-use crate::math::Real;
+use crate::math::{Colour, Real};
 use crate::octree::Octree;
 
 /// M2M: moments of the inner facets from those of their children, from the leaves up.
-pub fn m2m<T: Real>(octree: &Octree, moments: &mut Expansions<T>) {
+pub fn m2m<T: Real, C: Colour<T>>(octree: &Octree, moments: &mut Expansions<T, C>) {
     let stride = moments.stride();
     let (indices, coefficients) = moments.split_mut();
     for level in (0..octree.depth()).rev() {
@@ -17,7 +17,7 @@ pub fn m2m<T: Real>(octree: &Octree, moments: &mut Expansions<T>) {
             .zip(&octree.facets[range.clone()])
             .filter(|(_, facet)| !facet.is_leaf())
             .for_each_init(
-                || Workspace::<T>::new(indices),
+                || Workspace::<T, C>::new(indices),
                 |workspace, (parent, facet)| {
                     for c in facet.children().map(|c| c as usize) {
                         let (ratio, place) = within::<T>(&octree.facets[c], facet);

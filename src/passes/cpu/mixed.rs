@@ -3,21 +3,21 @@ use rayon::prelude::*;
 use super::{centre, scale};
 use crate::expansion::{Expansions, Indices, Surface, Workspace, coefficients};
 use crate::links::Rows;
-use crate::math::{Real, Vector};
+use crate::math::{Colour, Real, Vector};
 use crate::octree::Octree;
 
 /// P2M, M2L and L2P of one link at a time, for facets of which only some surfels face each other:
 /// adds to the irradiance of the surfels that have the source's centre in front what comes from
 /// those that have the target's centre in front. Where these are all of the source, its `moments`
 /// serve, where they are all of the target, one local expansion for all such links.
-pub fn mixed<T: Real>(
+pub fn mixed<T: Real, C: Colour<T>>(
     order: usize,
     octree: &Octree,
     rows: &Rows,
     surface: &Surface<T>,
-    radiosity: &[T::Vec3],
-    moments: &Expansions<T>,
-    irradiance: &mut [T::Vec3],
+    radiosity: &[C],
+    moments: &Expansions<T, C::Wide>,
+    irradiance: &mut [C],
 ) {
     if rows.is_empty() {
         return;
@@ -25,7 +25,7 @@ pub fn mixed<T: Real>(
     let indices = Indices::new(order);
     let (places, normals) = (&surface.positions, &surface.normals);
     let in_front = |i: usize, centre: T::Vec3| normals[i].dot(centre - places[i]) > T::ZERO;
-    let gather = |room: &mut Room<T>, t: usize| {
+    let gather = |room: &mut Room<T, C::Wide>, t: usize| {
         let Room {
             workspace,
             own,
@@ -35,8 +35,8 @@ pub fn mixed<T: Real>(
         let target = &octree.facets[t];
         let (to, to_scale) = (centre::<T>(target), scale::<T>(target));
         let place = |i: usize| (places[i] - to) * (T::ONE / to_scale);
-        let mut sums = vec![T::Rgb::default(); target.len()];
-        shared.fill(T::Rgb::default());
+        let mut sums = vec![C::Wide::default(); target.len()];
+        shared.fill(C::Wide::default());
         let mut is_shared = false;
         for (s, fraction) in rows.row(t) {
             let source = &octree.facets[s];
@@ -44,9 +44,9 @@ pub fn mixed<T: Real>(
             let from_all = source.surfels().all(|j| in_front(j, to));
             let to_all = target.surfels().all(|i| in_front(i, from));
             if !from_all {
-                own.fill(T::Rgb::default());
+                own.fill(C::Wide::default());
                 for j in source.surfels().filter(|&j| in_front(j, to)) {
-                    let flux = T::Rgb::from(radiosity[j]) * surface.areas[j];
+                    let flux = C::Wide::from(radiosity[j]) * surface.areas[j];
                     let place = (places[j] - from) * (T::ONE / from_scale);
                     workspace.p2m(flux, normals[j], place, own);
                 }
@@ -54,7 +54,7 @@ pub fn mixed<T: Real>(
             is_shared |= to_all;
             let into = if to_all { &mut *shared } else { &mut *local };
             if !to_all {
-                into.fill(T::Rgb::default());
+                into.fill(C::Wide::default());
             }
             workspace.m2l(
                 order,
@@ -82,7 +82,7 @@ pub fn mixed<T: Real>(
     let targets: Vec<usize> = (0..octree.facets.len())
         .filter(|&t| rows.row(t).next().is_some())
         .collect();
-    let sums: Vec<Vec<T::Rgb>> = targets
+    let sums: Vec<Vec<C::Wide>> = targets
         .par_iter()
         .map_init(|| Room::new(&indices), |room, &t| gather(room, t))
         .collect();
@@ -96,18 +96,18 @@ pub fn mixed<T: Real>(
 }
 
 /// What one thread needs on the way.
-struct Room<'a, T: Real> {
-    workspace: Workspace<'a, T>,
+struct Room<'a, T: Real, C> {
+    workspace: Workspace<'a, T, C>,
     /// Moments of a part of a source.
-    own: Vec<T::Rgb>,
+    own: Vec<C>,
     /// For a part of the target, and for all of it.
-    local: Vec<T::Rgb>,
-    shared: Vec<T::Rgb>,
+    local: Vec<C>,
+    shared: Vec<C>,
 }
 
-impl<'a, T: Real> Room<'a, T> {
+impl<'a, T: Real, C: Colour<T>> Room<'a, T, C> {
     fn new(indices: &'a Indices) -> Self {
-        let zeros = vec![T::Rgb::default(); coefficients(indices.order())];
+        let zeros = vec![C::default(); coefficients(indices.order())];
         Room {
             workspace: Workspace::new(indices),
             own: zeros.clone(),

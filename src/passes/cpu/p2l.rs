@@ -3,17 +3,17 @@ use rayon::prelude::*;
 use super::{centre, scale};
 use crate::expansion::{Expansions, Surface, Workspace};
 use crate::links::Rows;
-use crate::math::{Real, Vector};
+use crate::math::{Colour, Real, Vector};
 use crate::octree::Octree;
 
 /// P2L: adds to each facet's local expansion the field of the surfels of the facets that it is
 /// linked to. A surfel counts if the facet's centre lies in front of it.
-pub fn p2l<T: Real>(
+pub fn p2l<T: Real, C: Colour<T>>(
     octree: &Octree,
     links: &Rows,
     surface: &Surface<T>,
-    radiosity: &[T::Vec3],
-    locals: &mut Expansions<T>,
+    radiosity: &[C],
+    locals: &mut Expansions<T, C::Wide>,
 ) {
     if links.is_empty() {
         return;
@@ -25,7 +25,7 @@ pub fn p2l<T: Real>(
         .zip(&octree.facets)
         .enumerate()
         .for_each_init(
-            || Workspace::<T>::new(indices),
+            || Workspace::<T, C::Wide>::new(indices),
             |workspace, (t, (local, target))| {
                 for (s, fraction) in links.row(t) {
                     for j in octree.facets[s].surfels() {
@@ -33,7 +33,7 @@ pub fn p2l<T: Real>(
                         let normal = surface.normals[j];
                         if normal.dot(way) > T::ZERO {
                             let weight = surface.areas[j] * T::from_f32(fraction);
-                            let flux = T::Rgb::from(radiosity[j]) * weight;
+                            let flux = C::Wide::from(radiosity[j]) * weight;
                             workspace.p2l(flux, normal, way, scale(target), local);
                         }
                     }

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use crate::expansion::{NEAR_SPACINGS, Surface};
 use crate::links::{Rows, Span};
-use crate::math::{Real, Vector};
+use crate::math::{Colour, Real, Vector};
 use crate::octree::Octree;
 
 /// Receivers side by side: one a lane of 256 bits in f32, two registers in f64.
@@ -25,12 +25,12 @@ const SMALLEST: f64 = 1e-36;
 /// range; 15 compete for the two multipliers of a core: the floor is 0.94 cycles a pair. Rows of
 /// thousands of sources take 1.2 (3.5 Gpairs/s a core on Zen 5 at 4.1 GHz); a leaf's ragged last
 /// lanes cost more.
-pub fn p2p<T: Real>(
+pub fn p2p<T: Real, C: Colour<T>>(
     octree: &Octree,
     surface: &Surface<T>,
     rows: &Rows,
-    radiosity: &[T::Vec3],
-    irradiance: &mut [T::Vec3],
+    radiosity: &[C],
+    irradiance: &mut [C],
 ) {
     if rows.is_empty() {
         return;
@@ -61,14 +61,14 @@ pub fn p2p<T: Real>(
 }
 
 /// Brute force: the irradiance of every surfel from all that are not near it, unoccluded.
-pub fn all_pairs<T: Real>(surface: &Surface<T>, radiosity: &[T::Vec3]) -> Vec<T::Vec3> {
+pub fn all_pairs<T: Real, C: Colour<T>>(surface: &Surface<T>, radiosity: &[C]) -> Vec<C> {
     let all = Span {
         begin: 0,
         end: surface.len() as u32,
         weight: 1.0,
     };
     let sources = Sources::new(surface, radiosity);
-    let mut irradiance = vec![T::Vec3::default(); surface.len()];
+    let mut irradiance = vec![C::default(); surface.len()];
     irradiance
         .par_chunks_mut(RECEIVERS)
         .enumerate()
@@ -77,9 +77,9 @@ pub fn all_pairs<T: Real>(surface: &Surface<T>, radiosity: &[T::Vec3]) -> Vec<T:
 }
 
 /// Surfels as sources, of which each has the charge A B / π.
-struct Sources<'a, T: Real> {
+struct Sources<'a, T: Real, C> {
     surface: &'a Surface<T>,
-    charges: Vec<T::Vec3>,
+    charges: Vec<C>,
     /// Square of the near range of each.
     near: Vec<T>,
 }
@@ -96,9 +96,9 @@ struct Group<T> {
     near: Lanes<T>,
 }
 
-impl<'a, T: Real> Sources<'a, T> {
-    fn new(surface: &'a Surface<T>, radiosity: &[T::Vec3]) -> Self {
-        let charge = |(&b, &area): (&T::Vec3, &T)| b * (area / T::PI);
+impl<'a, T: Real, C: Colour<T>> Sources<'a, T, C> {
+    fn new(surface: &'a Surface<T>, radiosity: &[C]) -> Self {
+        let charge = |(&b, &area): (&C, &T)| b * (area / T::PI);
         let near_range = T::from_f64(NEAR_SPACINGS * NEAR_SPACINGS);
         let near = |&area: &T| (near_range * area).max(T::from_f64(SMALLEST));
         Sources {
@@ -113,7 +113,7 @@ impl<'a, T: Real> Sources<'a, T> {
     }
 
     /// Adds to the irradiance of the surfels from `first` on what they get from those in `spans`.
-    fn light(&self, first: usize, irradiance: &mut [T::Vec3], spans: &[Span]) {
+    fn light(&self, first: usize, irradiance: &mut [C], spans: &[Span]) {
         let mut groups: Vec<(Group<T>, [Lanes<f64>; 3])> = (first..first + irradiance.len())
             .step_by(LANES)
             .map(|k| self.group(k, first + irradiance.len() - 1))
@@ -125,7 +125,7 @@ impl<'a, T: Real> Sources<'a, T> {
             for begin in (span.begin as usize..end).step_by(SOURCES) {
                 for (group, sum) in &mut groups {
                     let part = self.gather(group, begin..end.min(begin + SOURCES));
-                    for c in 0..3 {
+                    for c in 0..C::CHANNELS {
                         for l in 0..LANES {
                             sum[c][l] += part[c][l].to_f64() * weight;
                         }
@@ -133,10 +133,9 @@ impl<'a, T: Real> Sources<'a, T> {
                 }
             }
         }
-        for (irradiance, (_, [r, g, b])) in irradiance.chunks_mut(LANES).zip(&groups) {
+        for (irradiance, (_, rgb)) in irradiance.chunks_mut(LANES).zip(&groups) {
             for (l, h) in irradiance.iter_mut().enumerate() {
-                let [r, g, b] = [r[l], g[l], b[l]].map(T::from_f64);
-                *h += T::Vec3::new(r, g, b);
+                *h += C::from_rgb(rgb.map(|sum| T::from_f64(sum[l])));
             }
         }
     }
@@ -161,8 +160,8 @@ impl<'a, T: Real> Sources<'a, T> {
         #[cfg(target_arch = "x86_64")]
         {
             #[target_feature(enable = "avx2,fma")]
-            fn wide<T: Real>(
-                all: &Sources<T>,
+            fn wide<T: Real, C: Colour<T>>(
+                all: &Sources<T, C>,
                 group: &Group<T>,
                 sources: Range<usize>,
             ) -> [Lanes<T>; 3] {
@@ -196,7 +195,7 @@ impl<'a, T: Real> Sources<'a, T> {
         let charges = &self.charges[sources];
         let mut sum = [[T::ZERO; LANES]; 3];
         for (((y, n), q), &near) in positions.iter().zip(normals).zip(charges).zip(near) {
-            let [y, n, q] = [y, n, q].map(|v| v.to_array());
+            let ([y, n], q) = ([y, n].map(|v| v.to_array()), q.to_rgb());
             for l in 0..LANES {
                 // From the source to the receiver, with `point_kernel`'s order of operations.
                 let r = [0, 1, 2].map(|c| group.position[c][l] - y[c]);
@@ -216,7 +215,7 @@ impl<'a, T: Real> Sources<'a, T> {
                 let cos_x = positive(dot(inward, r, T::ZERO));
                 let cos_y = positive(dot(n, r, T::ZERO));
                 let kernel = (cos_x * inverse) * (cos_y * inverse);
-                for c in 0..3 {
+                for c in 0..C::CHANNELS {
                     sum[c][l] = multiply_add(kernel, q[c], sum[c][l]);
                 }
             }
