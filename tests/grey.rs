@@ -13,7 +13,7 @@ use fmmgi_gpu::{Backend, Illumination, Method, Options, Plan, Scene, Transport, 
 use glam::{DVec3, Vec3, dvec3};
 
 /// Hardly a colour: which links are made does not depend on it.
-const TINT: Vec3 = Vec3::new(1.0, 0.999_999, 0.999_998);
+const TINT: Vec3 = Vec3::new(1.0, 1.0, 0.999_998);
 
 fn options(method: Method) -> Options {
     Options {
