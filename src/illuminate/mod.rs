@@ -59,7 +59,7 @@ pub struct Illumination {
     pub stats: Stats,
 }
 
-/// Computes the illumination map of a scene, as a [`Plan`](crate::Plan) of it says.
+/// Computes the illumination map of a scene, as a [`Plan`] of it says.
 ///
 /// # Errors
 /// [`Error::TooLarge`](crate::Error::TooLarge) before the work starts where it would not fit into memory;
