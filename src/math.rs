@@ -42,7 +42,6 @@ pub trait Vector<T>:
     + SubAssign
     + Neg<Output = Self>
 {
-    fn new(x: T, y: T, z: T) -> Self;
     /// From storage, which is f32 for both reals.
     fn from_f32(v: Vec3) -> Self;
     fn to_f32(self) -> Vec3;
@@ -64,7 +63,7 @@ pub trait Real:
 {
     type Vec3: Vector<Self> + Colour<Self, Wide = Self::Rgb>;
     /// Red, green and blue where much is calculated with them: one SIMD register for f32.
-    type Rgb: Vector<Self> + Colour<Self> + From<Self::Vec3> + Into<Self::Vec3>;
+    type Rgb: Colour<Self>;
     const ZERO: Self;
     const ONE: Self;
     /// Distance from 1 to the next number.
@@ -106,10 +105,6 @@ macro_rules! vector {
 
         impl Vector<$t> for $v {
             #[inline(always)]
-            fn new(x: $t, y: $t, z: $t) -> Self {
-                <$v>::new(x, y, z)
-            }
-            #[inline(always)]
             fn from_f32(v: Vec3) -> Self {
                 $from(v)
             }
@@ -139,8 +134,7 @@ macro_rules! vector {
 
 vector!(f32, Vec3, Vec3A, |v: Vec3| v, |v: Vec3| v);
 vector!(f32, Vec3A, Vec3A, Vec3A::from, Vec3::from);
-vector!(f64, DVec3, DVec3, |v: Vec3| v.as_dvec3(), |v: DVec3| v
-    .as_vec3());
+vector!(f64, DVec3, DVec3, DVec3::from, |v: DVec3| v.as_vec3());
 
 macro_rules! real {
     ($t:ty, $v:ty, $rgb:ty, $pi:expr) => {

@@ -5,7 +5,7 @@ mod clouds;
 mod clusters;
 
 use clouds::{direction, random, rotation};
-use clusters::{Cluster, difference, vector, wide};
+use clusters::{Cluster, colour, difference, vector, wide};
 use fmmgi_gpu::expansion::{Indices, Link, Workspace, coefficients};
 use fmmgi_gpu::math::Real;
 use glam::{DQuat, DVec3};
@@ -78,7 +78,7 @@ fn transport<T: Real>(
         Way::P2l => {
             for ((y, n), f) in source.places.iter().zip(&source.normals).zip(&source.flux) {
                 let way = vector::<T>(target.centre - *y);
-                let flux = vector::<T>(*f).into();
+                let flux = colour::<T>(*f);
                 workspace.p2l(flux, vector::<T>(*n), way, real(radius), &mut local);
             }
         }

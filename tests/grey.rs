@@ -4,9 +4,10 @@ mod cases;
 mod common;
 
 use cases::{Case, cases, colours, on_host, relative_l2};
-use common::{clutter, scene};
+use common::{clutter, gpu, scene};
 use fmmgi_gpu::math::Real;
 use fmmgi_gpu::operator::Fmm;
+use fmmgi_gpu::passes::gpu::Gpu;
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::PointLight;
 use fmmgi_gpu::{Backend, Illumination, Method, Options, Plan, Scene, Transport, illuminate};
@@ -119,15 +120,24 @@ fn a_kept_transport_takes_either() {
 #[test]
 fn the_plan_says_so() {
     let grey = greyed("cornell");
-    let colours = |scene: &Scene, method| {
-        let plan = Plan::new(scene, &options(method), &Backend::Cpu).unwrap();
+    let on = |backend: &Backend, scene: &Scene, method| {
+        let plan = Plan::new(scene, &options(method), backend).unwrap();
         let choice = plan.choices.iter().find(|c| c.what == "colours").unwrap();
         println!("{method:?}: {}: {}", choice.taken, choice.why);
         choice.taken.clone()
     };
+    let colours = |scene: &Scene, method| on(&Backend::Cpu, scene, method);
     assert_eq!(colours(&grey, Method::Fmm), "one");
     assert_eq!(colours(&grey, Method::Gather), "one");
     assert_eq!(colours(&grey, Method::Direct), "three");
+    let Gpu { device, queue, .. } = gpu();
+    let adapter = "the adapter found";
+    let device = Backend::Gpu {
+        device,
+        queue,
+        adapter,
+    };
+    assert_eq!(on(&device, &grey, Method::Fmm), "three");
     // One colour in the lamps, on the walls or in the sky is enough.
     assert_eq!(colours(&tinted(&grey), Method::Fmm), "three");
     let mut walls = grey.clone();

@@ -10,7 +10,7 @@ use common::{clutter, gpu, polygons, random, room, sphere};
 use fmmgi_gpu::Surfels;
 use fmmgi_gpu::expansion::{NEAR_SPACINGS, Surface};
 use fmmgi_gpu::links::{Entry, Links, Rows, Span};
-use fmmgi_gpu::math::{Real, Vector};
+use fmmgi_gpu::math::{Colour, Real, Vector};
 use fmmgi_gpu::octree::Octree;
 use fmmgi_gpu::operator::{AllPairs, Fields, TransportOperator};
 use fmmgi_gpu::passes::cpu;
@@ -79,7 +79,7 @@ impl Case {
 
     /// What P2P adds to `before`.
     fn cpu<T: Real>(&self, radiosity: &[DVec3], before: &[DVec3]) -> Vec<DVec3> {
-        let narrow = |v: &DVec3| T::Vec3::new(T::from_f64(v.x), T::from_f64(v.y), T::from_f64(v.z));
+        let narrow = |v: &DVec3| T::Vec3::from_rgb(v.to_array().map(T::from_f64));
         let radiosity: Vec<T::Vec3> = radiosity.iter().map(narrow).collect();
         let mut irradiance: Vec<T::Vec3> = before.iter().map(narrow).collect();
         let surface = Surface::<T>::new(&self.surfels);

@@ -49,7 +49,7 @@ impl Work<'_> {
         operator: &O,
         progress: &dyn Progress,
     ) -> Result<Bounced> {
-        self.checked(self.bounces(operator, progress)?, operator, progress)
+        self.finish(self.bounces(operator, progress)?, operator, progress)
     }
 
     /// The same by links on the CPU, where grey light on grey surfaces is one colour instead of three.
@@ -58,7 +58,7 @@ impl Work<'_> {
             true => self.bounces(&operator.grey(), progress)?,
             false => self.bounces(operator, progress)?,
         };
-        self.checked(bounces, operator, progress)
+        self.finish(bounces, operator, progress)
     }
 
     fn is_grey(&self) -> bool {
@@ -100,7 +100,7 @@ impl Work<'_> {
     }
 
     /// Light in its unit again, and the operator checked, if it is.
-    fn checked<O: TransportOperator>(
+    fn finish<O: TransportOperator>(
         &self,
         bounces: Bounces,
         operator: &O,

@@ -274,8 +274,8 @@ impl Plan {
                 "until what is left is small against the tolerance",
             ),
         });
-        let host = matches!(self.method, Method::Fmm | Method::Gather) && self.backend == "cpu";
-        let (colours, why) = match (scene.is_grey(), host) {
+        let has_use = matches!(self.method, Method::Fmm | Method::Gather) && self.backend == "cpu";
+        let (colours, why) = match (scene.is_grey(), has_use) {
             (true, true) => ("one", "all light and all surfaces are grey"),
             (true, false) => (
                 "three",

@@ -4,7 +4,7 @@
 use std::f64::consts::PI;
 
 use fmmgi_gpu::expansion::{Workspace, coefficients};
-use fmmgi_gpu::math::{Real, Vector};
+use fmmgi_gpu::math::{Colour, Real, Vector};
 use glam::{DQuat, DVec3};
 use rand::{Rng, RngExt};
 
@@ -79,21 +79,22 @@ impl Cluster {
         let mut moments = vec![T::Rgb::default(); coefficients(order)];
         for ((p, n), f) in self.places.iter().zip(&self.normals).zip(&self.flux) {
             let place = vector::<T>((*p - centre) / scale);
-            workspace.p2m(vector::<T>(*f).into(), vector::<T>(*n), place, &mut moments);
+            workspace.p2m(colour::<T>(*f), vector::<T>(*n), place, &mut moments);
         }
         moments
     }
 }
 
+pub fn colour<T: Real>(v: DVec3) -> T::Rgb {
+    T::Rgb::from_rgb(v.to_array().map(T::from_f64))
+}
+
 pub fn vector<T: Real>(v: DVec3) -> T::Vec3 {
-    {
-        let [x, y, z] = v.to_array().map(T::from_f64);
-        T::Vec3::new(x, y, z)
-    }
+    T::Vec3::from_rgb(v.to_array().map(T::from_f64))
 }
 
 pub fn wide<T: Real>(v: T::Rgb) -> DVec3 {
-    DVec3::from_array(v.to_array().map(T::to_f64))
+    DVec3::from_array(v.to_rgb().map(T::to_f64))
 }
 
 /// Relative L2 difference.
