@@ -17,7 +17,6 @@ use std::time::Instant;
 
 use fmmgi_gpu::glam::{DVec3, Vec3};
 use fmmgi_gpu::output::write_atomic;
-use fmmgi_gpu::points::Facing;
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::{PointLight, SceneOptions};
 use fmmgi_gpu::visibility::{CpuVisibility, Occluders};
@@ -102,7 +101,6 @@ fn row(path: &Path, picture: Option<&Path>) -> Result<()> {
     let mut scene = Scene::load(path, &SceneOptions::default(), &Silent)?;
     let load = start.elapsed().as_secs_f64();
     let start = Instant::now();
-    (scene.cloud).estimate_normals(&Facing::Auto, &[], &Silent)?;
     let options = Options {
         tolerance: Some(TOLERANCE),
         method: Method::Gather,

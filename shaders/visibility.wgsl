@@ -9,7 +9,7 @@ struct Occluder {
     normal: vec3<f32>,
     radius_squared: f32,
     tangent: vec3<f32>,
-    padding: f32,
+    back: u32,
     corners: array<vec4<f32>, 4>,
 }
 

@@ -25,6 +25,8 @@ pub struct IlluminationMap {
     pub irradiance: Vec<Vec3>,
     /// Radiosity B = emission + reflectance * H.
     pub radiosity: Vec<Vec3>,
+    /// Unit normals of the side that gets this light; zero where there is none.
+    pub normals: Vec<Vec3>,
     /// Radius in the scan's unit of the disc with the point's area; 0 where it stands for no surface.
     pub radius: Vec<f32>,
     /// False for points that were left out of the transport (no usable position or normal, strays, buried, thinned out, or a
@@ -57,37 +59,43 @@ impl IlluminationMap {
         let mut map = IlluminationMap {
             irradiance: Vec::with_capacity(n),
             radiosity: Vec::with_capacity(n),
+            normals: Vec::with_capacity(n),
             radius: Vec::with_capacity(n),
             in_transport: Vec::with_capacity(n),
         };
-        let light = |i: usize| -> (Vec3, f32) {
+        let light = |i: usize| -> (Vec3, Vec3, f32) {
+            let given = cloud.normals.get(i).and_then(|n| n.try_normalize());
             let Some(k) = places[i].map(|k| k as usize) else {
-                return (Vec3::ZERO, 0.0);
+                return (Vec3::ZERO, given.unwrap_or_default(), 0.0);
             };
+            // Of two sides the one with more light.
+            let bright = |k: &usize| irradiance[*k].element_sum();
+            let brighter = surfels.back(k).filter(|back| bright(back) > bright(&k));
+            let k = brighter.unwrap_or(k);
+            let normal = given.unwrap_or(surfels.normals[k]);
             let own = irradiance[k].as_vec3();
             let radius = match surfels.stands_for(k, cloud.positions[i]) {
                 true => (surfels.areas[k] / PI).sqrt(),
-                false => return (own, 0.0),
+                false => return (own, normal, 0.0),
             };
             match &tree {
                 Some(tree) if left_out(&i) => {
                     let place = (cloud.positions[i] - surfels.origin).as_vec3();
-                    let normal = cloud.normals.get(i).and_then(|n| n.try_normalize());
-                    let normal = normal.unwrap_or(surfels.normals[k]);
                     let between = between(surfels, irradiance, tree, place, normal);
-                    (between.unwrap_or(own), radius)
+                    (between.unwrap_or(own), normal, radius)
                 }
-                _ => (own, radius),
+                _ => (own, normal, radius),
             }
         };
         for first in (0..n).step_by(BLOCK) {
             progress.check()?;
             let block = first..(first + BLOCK).min(n);
-            let found: Vec<(Vec3, f32)> = block.clone().into_par_iter().map(light).collect();
-            for (i, (light, radius)) in block.clone().zip(found) {
+            let found: Vec<(Vec3, Vec3, f32)> = block.clone().into_par_iter().map(light).collect();
+            for (i, (light, normal, radius)) in block.clone().zip(found) {
                 map.irradiance.push(light);
                 map.radiosity
                     .push(cloud.emission[i] + cloud.reflectance[i] * light);
+                map.normals.push(normal);
                 map.radius.push(radius);
                 map.in_transport.push(places[i].is_some() && !left_out(&i));
             }
@@ -127,4 +135,12 @@ fn between(
         }
     }
     (whole > 0.0 && whole.is_finite()).then(|| (sum / whole).as_vec3())
+}
+
+impl IlluminationMap {
+    /// The normal of a point: of the side that was lit, or the cloud's own; zero where there is none.
+    pub fn normal(&self, cloud: &PointCloud, i: usize) -> Vec3 {
+        let normal = self.normals.get(i).or(cloud.normals.get(i));
+        normal.copied().unwrap_or(Vec3::ZERO)
+    }
 }

@@ -29,6 +29,8 @@ pub(crate) enum Purpose {
     Model,
     /// Pairs of points that a plan looks at.
     Sketch,
+    /// Order in which surfels are fitted, and planes that are tried for them.
+    Fit,
 }
 
 /// The stream of one item: a surfel, or a pair of facets in one number.

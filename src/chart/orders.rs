@@ -53,7 +53,7 @@ impl Open {
     /// The light that is sent out is what is reflected of an even light, and the lamps as far as they
     /// are no brighter.
     pub fn new(name: &str, scene: &Scene, progress: &dyn Progress) -> Result<Open> {
-        let (octree, surfels) = Octree::build(&prepared(&scene.cloud, progress)?.0, LEAF_SIZE);
+        let (octree, surfels) = Octree::build(&prepared(scene, progress)?.0, LEAF_SIZE);
         let colours = surfels.reflectance.iter().zip(&surfels.emission);
         let radiosity: Vec<DVec3> = colours
             .map(|(r, e)| (*r + e.min(Vec3::ONE)).as_dvec3())

@@ -59,7 +59,7 @@ pub type OnGpu<'a> = &'a dyn Fn() -> Result<()>;
 
 impl Linked {
     pub fn new(scene: &Scene, progress: &dyn Progress) -> Result<Linked> {
-        let (octree, surfels) = Octree::build(&prepared(&scene.cloud, progress)?.0, LEAF_SIZE);
+        let (octree, surfels) = Octree::build(&prepared(scene, progress)?.0, LEAF_SIZE);
         let occluders = Occluders::build(&surfels);
         let facets = octree.facets.len();
         let accuracy = Accuracy {

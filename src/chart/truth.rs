@@ -60,7 +60,7 @@ pub struct Light {
 impl PointTruth {
     /// For so many receivers at most, spread evenly over the surface.
     pub fn find(scene: &Scene, receivers: usize, progress: &dyn Progress) -> Result<PointTruth> {
-        let (surfels, occluders) = prepared(&scene.cloud, progress)?;
+        let (surfels, occluders) = prepared(scene, progress)?;
         let visibility = CpuVisibility::<f64>::new(&occluders);
         let n = surfels.len();
         let count = receivers.min(n);

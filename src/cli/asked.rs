@@ -132,6 +132,7 @@ impl Asked {
                 max_points: self.max_points.map(NonZeroUsize::get),
                 ..Thinning::default()
             },
+            facing: self.normals,
         }
     }
 

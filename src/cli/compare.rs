@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use fmmgi_gpu::compare::{compare_files, differences, read_pair};
 use fmmgi_gpu::output::write_atomic;
+use fmmgi_gpu::points::{Evidence, Thinning};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::{Error, IlluminationMap, Result, Scene, Surfels, render};
@@ -78,7 +79,8 @@ fn paint(args: &Args) -> Result<(Vec<u8>, f64)> {
             return Err(Error::input(path, "has no camera"));
         }
     }
-    let prepared = Surfels::prepare(&scene.cloud, &Silent)?;
+    let (evidence, thinning) = (Evidence::default(), Thinning::default());
+    let prepared = Surfels::of_scan(&scene.cloud, &evidence, &thinning, &Silent)?;
     let places = prepared.places(&prepared.surfels).into_iter();
     let area = |place: Option<u32>| place.map_or(0.0, |k| prepared.surfels.areas[k as usize]);
     let value = |d: &f32| render::as_radiosity((f64::from(*d) / scale) as f32);

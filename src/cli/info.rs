@@ -134,9 +134,11 @@ fn look(scene: &Scene) -> Result<Vec<Report>> {
 
 /// Prepares a scene as "solve" does.
 fn found(scene: &mut Scene, facing: &Facing, progress: &dyn Progress) -> Result<Found> {
-    let lamps: Vec<DVec3> = scene.lights.iter().map(|light| light.position).collect();
-    scene.cloud.estimate_normals(facing, &lamps, progress)?;
-    let transport = Transport::new(scene, &Options::default(), Backend::Cpu, progress)?;
+    let options = Options {
+        facing: *facing,
+        ..Options::default()
+    };
+    let transport = Transport::new(scene, &options, Backend::Cpu, progress)?;
     Ok(Found {
         steps: transport.repairs().to_vec(),
         quality: transport.quality().cloned().unwrap_or_default(),

@@ -8,7 +8,7 @@ use fmmgi_gpu::output::{self, Format, write_atomic, write_stats};
 use fmmgi_gpu::{
     Checkpoint, Error, Method, Progress, Result, Scene, Stats, Transport, memory, render,
 };
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 use super::asked::Asked;
 use super::terminal::{self, Terminal};
@@ -93,13 +93,6 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     hang(&mut scene);
     scene.sky = asked.sky.unwrap_or(scene.sky);
     let load = began.elapsed().as_secs_f64();
-    let clock = Instant::now();
-    let lamps: Vec<DVec3> = scene.lights.iter().map(|light| light.position).collect();
-    scene
-        .cloud
-        .estimate_normals(&asked.normals, &lamps, &progress)
-        .map_err(|error| asked.about(error))?;
-    let normals = clock.elapsed().as_secs_f64();
     warn_of_darkness(&scene, &progress);
     let about = |error: Error| asked.about(error);
     let (transport, mut result) = chosen.run(&progress, |backend| {
@@ -140,7 +133,6 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     }
     let stats = &mut result.stats;
     stats.seconds.load = load;
-    stats.seconds.prepare += normals;
     stats.seconds.write = written.elapsed().as_secs_f64();
     stats.seconds.total = began.elapsed().as_secs_f64();
     stats.peak_memory_bytes = memory::peak_bytes();

@@ -8,7 +8,7 @@ use fmmgi_gpu::links::Thresholds;
 use fmmgi_gpu::octree::Octree;
 use fmmgi_gpu::output::{write_atomic, write_painted};
 use fmmgi_gpu::passes::gpu::{Gpu, GpuPointVisibility, GpuVisibility};
-use fmmgi_gpu::points::Facing;
+use fmmgi_gpu::points::{Evidence, Thinning};
 use fmmgi_gpu::render::tone::tone_map;
 use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::visibility::{
@@ -107,18 +107,15 @@ pub fn run(args: &Args) -> Result<Done> {
         seed: args.seed,
         mesh: args.mesh,
     };
-    let mut scene = Scene::load_all(&args.inputs, &options, &progress)?;
+    let scene = Scene::load_all(&args.inputs, &options, &progress)?;
     for source in &scene.sources {
         outputs::spare(&source.path, &files)?;
     }
     progress.note(&format!("backend: {}", chosen.describe()));
 
     let about = |error: Error| error.about(outputs::names(&args.inputs));
-    let cloud = &mut scene.cloud;
-    cloud
-        .estimate_normals(&Facing::Auto, &[], &progress)
-        .map_err(about)?;
-    let prepared = Surfels::prepare(&scene.cloud, &progress).map_err(about)?;
+    let (evidence, thinning) = (Evidence::default(), Thinning::default());
+    let prepared = Surfels::of_scan(&scene.cloud, &evidence, &thinning, &progress).map_err(about)?;
     let (octree, surfels) = Octree::build(&prepared.surfels, LEAF_SIZE);
     let from = nearest(&surfels, args.from);
     let seen = see(args, &octree, &surfels, from, &chosen.backend(), &progress).map_err(about)?;

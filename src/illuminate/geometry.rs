@@ -11,8 +11,9 @@ use crate::error::{Error, Result};
 use crate::map::IlluminationMap;
 use crate::octree::Octree;
 use crate::plan::{ORDER, Plan, thinning};
-use crate::points::{self, PointCloud, Prepared, Quality, Surfels};
+use crate::points::{self, Evidence, PointCloud, Prepared, Quality, Surfels};
 use crate::progress::Progress;
+use crate::scene::Scene;
 use crate::visibility::Occluders;
 
 /// The surfels of a cloud in the order of their octree.
@@ -36,14 +37,19 @@ pub(super) struct Geometry {
 impl Geometry {
     /// Also tells the seconds that it took.
     pub fn prepare(
-        cloud: &PointCloud,
+        scene: &Scene,
         options: &Options,
         plan: &Plan,
         progress: &dyn Progress,
     ) -> Result<(Geometry, Seconds)> {
+        let cloud = &scene.cloud;
         let start = Instant::now();
         let thinning = thinning(options, plan.tolerance);
-        let mut prepared = Surfels::prepare_fewer(cloud, &thinning, progress)?;
+        let evidence = Evidence {
+            facing: options.facing,
+            lamps: scene.lights.iter().map(|light| light.position).collect(),
+        };
+        let mut prepared = Surfels::of_scan(cloud, &evidence, &thinning, progress)?;
         let prepare = start.elapsed().as_secs_f64();
         progress.stage("octree", 1);
         let build = |prepared: &Prepared| {
@@ -55,7 +61,8 @@ impl Geometry {
             (octree, surfels, occluders)
         };
         let (mut octree, mut surfels, mut occluders) = build(&prepared);
-        if let Some(of_all) = &occluders {
+        // What was measured is not buried.
+        if let Some(of_all) = occluders.as_ref().filter(|_| !prepared.is_fitted()) {
             let buried = points::buried(&surfels, of_all);
             if !buried.is_empty() {
                 let points: Vec<u32> = buried.iter().map(|&s| surfels.points[s as usize]).collect();
@@ -121,6 +128,12 @@ impl Geometry {
         {
             surfels.reflectance[k] /= count;
             surfels.emission[k] /= count;
+        }
+        for place in self.places.iter().flatten().map(|k| *k as usize) {
+            if let Some(back) = surfels.back(place) {
+                surfels.reflectance[back] = surfels.reflectance[place];
+                surfels.emission[back] = surfels.emission[place];
+            }
         }
         Ok(())
     }

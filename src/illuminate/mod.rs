@@ -40,7 +40,7 @@ use crate::error::Result;
 use crate::map::IlluminationMap;
 use crate::octree::LEAF_SIZE;
 use crate::plan::Plan;
-use crate::points::{PointCloud, Surfels};
+use crate::points::Surfels;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::visibility::Occluders;
@@ -76,7 +76,7 @@ pub fn illuminate(
 
 /// The surfels that solves with occlusion make of a cloud, and what stands in the way.
 pub(crate) fn prepared(
-    cloud: &PointCloud,
+    scene: &Scene,
     progress: &dyn Progress,
 ) -> Result<(Arc<Surfels>, Arc<Occluders>)> {
     let plan = Plan {
@@ -84,7 +84,7 @@ pub(crate) fn prepared(
         leaf_size: LEAF_SIZE,
         ..Plan::default()
     };
-    let (geometry, _) = Geometry::prepare(cloud, &Options::default(), &plan, progress)?;
+    let (geometry, _) = Geometry::prepare(scene, &Options::default(), &plan, progress)?;
     let occluders = geometry.occluders.expect("occlusion is the default");
     Ok((geometry.surfels, occluders))
 }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::RAYS;
 use crate::error::{Error, Result};
-use crate::points::Thinning;
+use crate::points::{Facing, Thinning};
 use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
 
 /// How the transport operator is applied.
@@ -63,6 +63,8 @@ pub struct Options {
     pub seed: u64,
     /// Fewer points to do the work with.
     pub thinning: Thinning,
+    /// Which side of a surface is lit, where the points have no normals.
+    pub facing: Facing,
 }
 
 impl Options {

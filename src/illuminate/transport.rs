@@ -105,7 +105,7 @@ impl Transport {
         if let Some(choice) = plan.choices.first() {
             progress.note(&format!("method: {}, {}", choice.taken, choice.why));
         }
-        let (geometry, prepared) = Geometry::prepare(&scene.cloud, options, &plan, progress)?;
+        let (geometry, prepared) = Geometry::prepare(scene, options, &plan, progress)?;
         let kept = Kept::none(&geometry.octree, &geometry.surfels);
         let method = plan.method;
         let transport = Transport::of(geometry, kept, method, options, backend, prepared)?;

@@ -112,7 +112,7 @@ impl<'a> Lit<'a> {
 
     /// Zero where the cloud has none.
     pub fn normal(&self, i: usize) -> Vec3 {
-        self.cloud.normals.get(i).copied().unwrap_or(Vec3::ZERO)
+        self.map.normal(self.cloud, i)
     }
 
     /// Radiosity as a display shows it.

@@ -10,7 +10,7 @@ use crate::illuminate::Spots;
 use crate::lights;
 use crate::links::{self, Close};
 use crate::octree::{LEAF_SIZE, Octree};
-use crate::points::{Facing, PointCloud, Surfels};
+use crate::points::{Evidence, PointCloud, Prepared, Surfels, Thinning};
 use crate::progress::Silent;
 use crate::random::{Purpose, stream};
 use crate::scene::Scene;
@@ -19,7 +19,7 @@ use crate::visibility::{CpuVisibility, NothingInTheWay, Occluders, Visibility};
 /// Points that are looked at, at most, and the part of a small cloud that is enough.
 const POINTS: usize = 1000;
 const ENOUGH: f64 = 0.33;
-/// Points whose neighbours tell their normals.
+/// Points that a surface is fitted to.
 const WITHOUT_NORMALS: usize = 20_000;
 /// Segments between them that are tested.
 const SEGMENTS: usize = 4000;
@@ -80,7 +80,7 @@ impl Sketch {
 
 /// Everything but the lights.
 fn look(scene: &Scene, open: bool, seed: u64) -> Result<Sketch> {
-    let prepared = Surfels::prepare(&some(scene)?, &Silent)?;
+    let prepared = few(scene)?;
     if prepared.surfels.is_empty() {
         return Ok(Sketch::default());
     }
@@ -204,19 +204,24 @@ fn looked_at(points: usize) -> usize {
     ((ENOUGH * points as f64) as usize).clamp(1, POINTS)
 }
 
-/// Every so many points, as if they were the whole cloud. Normals that are missing are found among
+/// Surfels of some of the points, as if they were the whole cloud. A surface without normals is fitted to
 /// more of them.
-fn some(scene: &Scene) -> Result<PointCloud> {
+fn few(scene: &Scene) -> Result<Prepared> {
     let cloud = &scene.cloud;
     let missing = cloud.normals.len() < cloud.len() || cloud.normals.contains(&Vec3::ZERO);
     let enough = looked_at(cloud.len());
     if !missing {
-        return Ok(every(cloud, enough));
+        return Surfels::prepare(&every(cloud, enough), &Silent);
     }
-    let mut many = every(cloud, WITHOUT_NORMALS);
-    let lamps: Vec<DVec3> = scene.lights.iter().map(|light| light.position).collect();
-    many.estimate_normals(&Facing::Auto, &lamps, &Silent)?;
-    Ok(every(&many, enough))
+    let evidence = Evidence {
+        lamps: scene.lights.iter().map(|light| light.position).collect(),
+        ..Evidence::default()
+    };
+    let thinning = Thinning {
+        max_points: Some(enough),
+        ..Thinning::default()
+    };
+    Surfels::of_scan(&every(cloud, WITHOUT_NORMALS), &evidence, &thinning, &Silent)
 }
 
 fn every(cloud: &PointCloud, most: usize) -> PointCloud {

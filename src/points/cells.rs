@@ -68,8 +68,15 @@ impl Cell {
     /// The cell of a point with unit `normal` among its `neighbours` (nearest first); a neighbour
     /// belongs to the same smooth surface if the cosine between the normals exceeds the rule's
     /// `crease`.
-    /// Without any neighbour the cell is of the order of `size`.
-    pub fn new(normal: DVec3, neighbours: &[Neighbour], rule: &SurfaceRule, size: f64) -> Cell {
+    /// Without any neighbour the cell is of the order of `size`; it stands for a spacing of no more than
+    /// `widest`.
+    pub fn new(
+        normal: DVec3,
+        neighbours: &[Neighbour],
+        rule: &SurfaceRule,
+        size: f64,
+        widest: f64,
+    ) -> Cell {
         let crease = rule.crease;
         let similar = |n: &&Neighbour| n.normal.dot(normal) > crease;
         let nearest = neighbours.first().map_or(size, |n| n.offset.length());
@@ -84,7 +91,7 @@ impl Cell {
         } else {
             0.5 * nearest
         };
-        let spacing = spacing.min(rule.largest_spacing);
+        let spacing = spacing.min(rule.largest_spacing).min(widest);
         let (tangent, bitangent) = tangent_frame(normal, neighbours);
         let flat = |v: DVec3| DVec2::new(v.dot(tangent), v.dot(bitangent));
 

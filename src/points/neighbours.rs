@@ -116,6 +116,16 @@ impl<'a> Neighbours<'a> {
         found
     }
 
+    /// All points up to `reach` from a place, nearest first, with the squares of their distances.
+    pub fn all_within(&self, place: Vec3, reach: f32) -> Vec<(u32, f32)> {
+        let found = self
+            .tree
+            .query(&place.to_array())
+            .within::<SquaredEuclidean<f32>>(reach * reach)
+            .execute();
+        found.iter().map(|n| (n.item, n.distance)).collect()
+    }
+
     /// The points nearest to a place, nearest first.
     pub fn around(&self, place: Vec3, count: usize) -> Vec<u32> {
         let found = self.search(place, count, f32::INFINITY);

@@ -72,7 +72,7 @@ impl Plane {
 /// Eigenvector of the least eigenvalue, and all eigenvalues from the least on, of the symmetric matrix
 /// [xx, yy, zz, xy, xz, yz] without negative ones (Smith, "Eigenvalues of a symmetric 3 × 3 matrix",
 /// 1961).
-fn least_axis([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> (DVec3, [f64; 3]) {
+pub(super) fn least_axis([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> (DVec3, [f64; 3]) {
     let mean = (xx + yy + zz) / 3.0;
     let off = xy * xy + xz * xz + yz * yz;
     let [a, b, c] = [xx - mean, yy - mean, zz - mean];

@@ -1,6 +1,6 @@
 //! From a cloud to surfels: what is repaired, moved, merged and left out.
 
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::cells::{Cell, MAX_EDGES};
@@ -10,12 +10,14 @@ use super::select::select;
 use super::smooth::{settled, smoothed};
 use super::strays::strays;
 use super::thin::{spread, spread_to};
+use super::fit::{Evidence, fit};
 use super::{Cells, PointCloud, Quality, Surfels};
 use crate::error::{Error, Result};
 use crate::memory;
 use crate::octree::morton_codes;
 use crate::progress::Progress;
 use crate::scene::BRIGHTEST;
+use crate::visibility::NO_SURFEL;
 
 /// How many of the points become surfels.
 #[derive(Clone, Copy, Debug, Default)]
@@ -37,6 +39,17 @@ const ENOUGH_FOR: f64 = 0.03;
 const LEEWAY: f64 = 1.5;
 
 impl Thinning {
+    /// Surfels that a fitted surface has at most.
+    fn wanted(&self) -> usize {
+        match (self.max_points, self.enough_for) {
+            (Some(most), _) => most,
+            (None, Some(tolerance)) => {
+                (ENOUGH * (ENOUGH_FOR / tolerance).powi(2).max(1.0)) as usize
+            }
+            (None, None) => ALL,
+        }
+    }
+
     /// Surfels that a cloud of so many points has at most, if that is known before.
     pub(crate) fn most(&self, points: usize) -> Option<usize> {
         match (self.spacing, self.max_points, self.enough_for) {
@@ -60,6 +73,8 @@ pub struct Prepared {
     pub quality: Quality,
     /// Areas of the surfels in the cloud; 0 where it has none.
     given_areas: Vec<f32>,
+    /// Of fitted surfels: no other one of the same surface is nearer, and no cell much wider.
+    sizes: Vec<f32>,
     /// What the cells are made by.
     rule: SurfaceRule,
     /// Distance of the farthest neighbour that a cell is made from.
@@ -75,8 +90,11 @@ const MOVES: usize = 3;
 /// Surfels among which the one is looked for whose light a point gets that was left out.
 const HEIRS: usize = 8;
 
+/// Surfels that are wanted of a cloud that is not thinned out.
+const ALL: usize = usize::MAX;
+
 impl Surfels {
-    /// The surfels of a cloud: unusable points left out, points at one place merged, points and normals
+    /// The surfels of a cloud whose points have normals: unusable points left out, points at one place merged, points and normals
     /// that scatter smoothed, strays left out, cells made, areas taken from the cloud or else from the
     /// cells.
     ///
@@ -86,6 +104,48 @@ impl Surfels {
     /// [`Error::TooLarge`] for one that cannot be lit in the memory that is free.
     pub fn prepare(cloud: &PointCloud, progress: &dyn Progress) -> Result<Prepared> {
         Surfels::prepare_fewer(cloud, &Thinning::default(), progress)
+    }
+
+    /// The surfels of a scan: those of a surface that is fitted to its points, if not all of them have
+    /// normals, and else [the points themselves](Surfels::prepare).
+    ///
+    /// # Errors
+    /// Those of [`prepare`](Surfels::prepare), and [`Error::Invalid`] for points that make no surface.
+    pub fn of_scan(
+        cloud: &PointCloud,
+        evidence: &Evidence,
+        thinning: &Thinning,
+        progress: &dyn Progress,
+    ) -> Result<Prepared> {
+        let bare = |n: &Vec3| !n.is_finite() || *n == Vec3::ZERO;
+        if cloud.normals.len() == cloud.len() && !cloud.normals.par_iter().any(bare) {
+            return Surfels::prepare_fewer(cloud, thinning, progress);
+        }
+        check(cloud)?;
+        let most = thinning.wanted();
+        memory::check_points(most.min(cloud.len()) as u64)?;
+        let fitted = fit(cloud, evidence, thinning.spacing, most, progress)?;
+        let n = fitted.surfels.len();
+        let mut prepared = Prepared {
+            quality: Quality {
+                unusable: fitted.unplaced,
+                strays: fitted.strays,
+                unsure: fitted.unsure,
+                ..Quality::default()
+            },
+            given_areas: vec![0.0; n],
+            rule: SurfaceRule::default(),
+            reach: vec![0.0; n],
+            repairs: cloud.repairs.clone(),
+            sizes: fitted.sizes,
+            surfels: fitted.surfels,
+            surfel_of_point: fitted.surfel_of_point,
+        };
+        prepared.quality.count(cloud);
+        prepared.tell(fitted.how);
+        prepared.make_fitted_cells(progress)?;
+        prepared.quality.measure(&prepared.surfels);
+        Ok(prepared)
     }
 
     /// The same of fewer points, evenly spread: the others take their light from them.
@@ -122,6 +182,7 @@ impl Surfels {
             given_areas: surfels.areas.clone(),
             rule: SurfaceRule::default(),
             reach: vec![0.0; surfels.len()],
+            sizes: Vec::new(),
             surfels,
             surfel_of_point,
             repairs,
@@ -143,11 +204,48 @@ impl Surfels {
     }
 }
 
+impl Surfels {
+    /// Cells and what follows from them, still empty.
+    fn make_room(&mut self, occluder_scale: f32) {
+        let n = self.len();
+        self.occluder_scale = occluder_scale;
+        self.areas = vec![0.0; n];
+        self.offsets = vec![0.0; n];
+        self.depths = vec![0.0; n];
+        self.cells = Cells {
+            tangents: vec![Vec3::ZERO; n],
+            corners: vec![[Vec2::ZERO; MAX_EDGES]; n],
+        };
+    }
+
+    /// Gives a surfel the cell of the one at the same place that faces the other way.
+    fn mirror(&mut self, of: usize, to: usize) {
+        self.areas[to] = self.areas[of];
+        self.offsets[to] = self.offsets[of];
+        self.depths[to] = self.depths[of];
+        self.cells.tangents[to] = self.cells.tangents[of];
+        let corners = self.cells.corners[of];
+        // The bitangent is the opposite one, so that corners go round the other way.
+        let last = MAX_EDGES - 1;
+        let count = (0..last).position(|k| corners[k] == corners[last]).unwrap_or(last) + 1;
+        self.cells.corners[to] = std::array::from_fn(|k| {
+            let corner = corners[count - 1 - k.min(count - 1)];
+            Vec2::new(corner.x, -corner.y)
+        });
+    }
+}
+
 impl Prepared {
+    /// Whether the surfels were fitted to the points.
+    pub fn is_fitted(&self) -> bool {
+        !self.sizes.is_empty()
+    }
+
     /// For each point of the cloud its surfel's place among `surfels`, which are the prepared ones
     /// in any order.
     pub fn places(&self, surfels: &Surfels) -> Vec<Option<u32>> {
         let mut place_of_point = vec![0; self.surfel_of_point.len()];
+        // Of two at one place either will do.
         for (place, &point) in surfels.points.iter().enumerate() {
             place_of_point[point as usize] = place as u32;
         }
@@ -349,19 +447,88 @@ impl Prepared {
         surfels.positions = positions;
         // A lamp may be as small as a point.
         strays.retain(|&i| surfels.emission[i as usize] == Vec3::ZERO);
-        surfels.occluder_scale = self.rule.scale as f32;
-        surfels.areas = vec![0.0; n];
-        surfels.offsets = vec![0.0; n];
-        surfels.depths = vec![0.0; n];
-        surfels.cells = Cells {
-            tangents: vec![Vec3::ZERO; n],
-            corners: vec![[Vec2::ZERO; MAX_EDGES]; n],
-        };
+        surfels.make_room(self.rule.scale as f32);
         cells
             .iter()
             .enumerate()
             .for_each(|(i, cell)| self.set(i, cell));
         Ok(strays)
+    }
+
+    /// What was done, in words.
+    fn tell(&mut self, how: &str) {
+        let fronts = self.given_areas.len() - self.surfels.backs.iter().filter(|b| **b != NO_SURFEL).count() / 2;
+        self.repairs.push(format!(
+            "no normals: a surface of {fronts} surfels fitted to the points, {how}"
+        ));
+        if self.quality.unsure > 0.0 {
+            self.repairs.push(format!(
+                "{:.1}% of the surface: nothing says which side is lit: lit on both, points get the brighter light",
+                100.0 * self.quality.unsure
+            ));
+        }
+        for (count, what) in [
+            (self.quality.unusable, "points with coordinates that are not finite or beyond 1e12: left out, no light"),
+            (self.quality.strays, "points that belong to no surface: lit, but in nobody's way"),
+        ] {
+            if count > 0 {
+                self.repairs.push(format!("{count} {what}"));
+            }
+        }
+    }
+
+    /// Cells, areas and offsets of fitted surfels. Where two are at one place, both have one cell.
+    fn make_fitted_cells(&mut self, progress: &dyn Progress) -> Result<()> {
+        let n = self.surfels.len();
+        let is_front = |&i: &usize| self.surfels.back(i).is_none_or(|back| i < back);
+        let fronts: Vec<u32> = (0..n).filter(is_front).map(|i| i as u32).collect();
+        progress.stage("cells", fronts.len() as u64);
+        let positions: Vec<Vec3> = fronts.iter().map(|&i| self.surfels.positions[i as usize]).collect();
+        let neighbours = Neighbours::new(&positions)?;
+        let normals: Vec<Vec3> = fronts.iter().map(|&i| self.surfels.normals[i as usize]).collect();
+        self.rule = SurfaceRule::measure(&normals, &neighbours);
+        self.quality.noise = self.rule.noise;
+        self.quality.scatter = self.rule.roughness.atan().to_degrees();
+        self.surfels.make_room(self.rule.scale as f32);
+        let mut along: Vec<u32> = along_curve(&positions);
+        for block in along.chunks_mut(BLOCK) {
+            progress.check()?;
+            let of_run = |near: &mut (Vec<(u32, DVec3)>, Vec<Neighbour>), run: &[u32]| {
+                let mut last = Last::default();
+                let cell = |&k: &u32| {
+                    let (k, i) = (k as usize, fronts[k as usize]);
+                    neighbours.next_nearest(k, NEIGHBOURS, &mut last, &mut near.0);
+                    let normal = normals[k].as_dvec3();
+                    let both = self.surfels.back(i as usize).is_some();
+                    near.1.clear();
+                    near.1.extend(near.0.iter().map(|&(j, offset)| {
+                        let other = normals[j as usize].as_dvec3();
+                        let either = both || self.surfels.back(fronts[j as usize] as usize).is_some();
+                        let flat = offset.dot(normal).abs() < BESIDE * offset.length();
+                        let turned = either && flat && other.dot(normal) < 0.0;
+                        Neighbour {
+                            offset,
+                            normal: if turned { -other } else { other },
+                        }
+                    }));
+                    let size = f64::from(self.sizes[i as usize]);
+                    (i, Cell::new(normal, &near.1, &self.rule, size, size))
+                };
+                run.iter().map(cell).collect::<Vec<_>>()
+            };
+            let made: Vec<(u32, Cell)> = block.par_chunks(RUN).map_init(Default::default, of_run).flatten_iter().collect();
+            for (i, cell) in &made {
+                self.set(*i as usize, cell);
+            }
+            progress.advance(block.len() as u64);
+        }
+        for i in 0..n {
+            if let Some(back) = self.surfels.back(i).filter(|&back| i < back) {
+                self.surfels.depths[i] = 0.0;
+                self.surfels.mirror(i, back);
+            }
+        }
+        Ok(())
     }
 
     /// Makes the cells anew of which a neighbour is gone: those places are theirs now.
@@ -396,7 +563,7 @@ impl Prepared {
                 let k = i as usize;
                 neighbours.find(k, NEIGHBOURS, normals, &mut last, near);
                 let size = f64::from(self.given_areas[k]).max(0.0).sqrt();
-                (i, Cell::new(normals[k].as_dvec3(), near, &self.rule, size))
+                (i, Cell::new(normals[k].as_dvec3(), near, &self.rule, size, f64::INFINITY))
             };
             run.iter().map(cell).collect::<Vec<_>>()
         };
@@ -417,6 +584,9 @@ impl Prepared {
     }
 }
 
+/// Neighbours that rise less than this part of their distance go on in the plane of a surfel.
+const BESIDE: f64 = 0.3;
+
 /// All places along a Morton curve: those that follow one another are close together.
 fn along_curve(positions: &[Vec3]) -> Vec<u32> {
     let mut keys: Vec<(u64, u32)> = morton_codes(positions)
@@ -432,7 +602,7 @@ pub(crate) fn check(cloud: &PointCloud) -> Result<()> {
     let n = cloud.len();
     let optional = |length: usize| if length == 0 { n } else { length };
     for (what, length) in [
-        ("normals", cloud.normals.len()),
+        ("normals", optional(cloud.normals.len())),
         ("reflectances", cloud.reflectance.len()),
         ("emissions", cloud.emission.len()),
         ("areas", optional(cloud.areas.len())),

@@ -37,6 +37,8 @@ pub struct Quality {
     pub thinned: usize,
     /// Points that belong to no surface.
     pub strays: usize,
+    /// Share of the surface of which nothing says which side is lit.
+    pub unsure: f64,
     /// Points inside of bodies or behind walls.
     pub buried: usize,
     /// How far points lay beside their surface, in spacings: median.

@@ -38,6 +38,10 @@ pub struct Surfels {
     pub occluder_scale: f32,
     /// Index of each surfel's point in the cloud.
     pub points: Vec<u32>,
+    /// Of a surfel that is one of two at one place, the index of the one that faces the other way; of others
+    /// [`NO_SURFEL`]. Empty if there are none such. Where nothing says which side of a surface is lit, both
+    /// are surfels, and a point gets the brighter light.
+    pub backs: Vec<u32>,
 }
 
 /// A point this many radii beside a surfel is no part of it.
@@ -88,6 +92,12 @@ impl Surfels {
         2.0 * all.reduce(|| 0.0, f32::max)
     }
 
+    /// The surfel at the same place that faces the other way, if there is one.
+    pub fn back(&self, i: usize) -> Option<usize> {
+        let back = self.backs.get(i).filter(|&&back| back != NO_SURFEL);
+        back.map(|&back| back as usize)
+    }
+
     /// Where segments that end at a surfel end: its position, lifted along the normal.
     pub fn above(&self, i: usize) -> Vec3 {
         self.positions[i] + self.normals[i] * self.offsets[i]
@@ -106,8 +116,15 @@ impl Surfels {
     }
 
     /// The same surfels in another order, or some of them: entry k of the result is entry `order[k]`.
-    /// Arrays that are not there yet stay so.
+    /// Arrays that are not there yet stay so; a surfel whose back is left out has none.
     pub fn reordered(&self, order: &[u32]) -> Surfels {
+        let mut backs = Vec::new();
+        if !self.backs.is_empty() {
+            let mut place = vec![NO_SURFEL; self.len()];
+            (0..).zip(order).for_each(|(k, &i)| place[i as usize] = k);
+            let of = |&i: &u32| self.back(i as usize).map_or(NO_SURFEL, |back| place[back]);
+            backs.extend(order.iter().map(of));
+        }
         fn pick<T: Copy + Send + Sync>(from: &[T], order: &[u32]) -> Vec<T> {
             match from.is_empty() {
                 true => Vec::new(),
@@ -129,6 +146,7 @@ impl Surfels {
             depths: pick(&self.depths, order),
             occluder_scale: self.occluder_scale,
             points: pick(&self.points, order),
+            backs,
         }
     }
 }

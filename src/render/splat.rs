@@ -61,7 +61,7 @@ pub fn picture(
         )));
     }
     let points = cloud.len();
-    if cloud.normals.len() != points {
+    if cloud.normals.len() != points && map.normals.len() != points {
         return Err(Error::Invalid(format!(
             "a picture needs a normal at every point; {} of {points} have one",
             cloud.normals.len()
@@ -155,7 +155,7 @@ impl Screen {
     /// The disc of a point, if it can be drawn and shows its front.
     fn disc(&self, cloud: &PointCloud, map: &IlluminationMap, i: usize) -> Option<Disc> {
         let centre = self.view.place(cloud.positions[i]);
-        let normal = cloud.normals[i].as_dvec3().normalize_or_zero();
+        let normal = map.normal(cloud, i).as_dvec3().normalize_or_zero();
         let normal = self.view.direction(normal);
         let radius = f64::from(map.radius[i]) * SCALE;
         let plane = normal.dot(centre);

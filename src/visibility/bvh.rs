@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::points::{MAX_EDGES, Surfels};
 
+use super::NO_SURFEL;
 use super::wide::{WideNode, widened};
 
 /// Most occluders in a leaf.
@@ -48,7 +49,8 @@ pub struct Occluder {
     /// Square of the distance of the farthest corner.
     pub radius_squared: f32,
     pub tangent: [f32; 3],
-    pub padding: f32,
+    /// The surfel on the other side of the cell, or [`NO_SURFEL`].
+    pub back: u32,
     /// Corners along (tangent, normal × tangent), as in [`crate::points::Cells`].
     pub corners: [[f32; 2]; MAX_EDGES],
 }
@@ -144,7 +146,7 @@ impl Occluder {
             normal: surfels.normals[i].to_array(),
             radius_squared: radius_squared.fold(0.0, f32::max),
             tangent: surfels.cells.tangents[i].to_array(),
-            padding: 0.0,
+            back: surfels.back(i).map_or(NO_SURFEL, |back| back as u32),
             corners: corners.map(|c| c.to_array()),
         }
     }
@@ -163,8 +165,11 @@ pub(super) struct Item {
 }
 
 impl Item {
-    /// `None` for a cell without an area.
+    /// `None` for a cell without an area, and for the second side of one.
     pub(super) fn cell(surfels: &Surfels, i: usize) -> Option<Item> {
+        if surfels.back(i).is_some_and(|back| back < i) {
+            return None;
+        }
         let corners = scaled_corners(surfels, i);
         let twice_area: f32 = (0..MAX_EDGES)
             .map(|k| corners[k].perp_dot(corners[(k + 1) % MAX_EDGES]))

@@ -75,6 +75,12 @@ pub fn first_hit<T: Real>(occluders: &Occluders, segment: &Segment) -> Option<Hi
         },
     );
     let (cell, front) = met?;
+    if !front && cell.back != NO_SURFEL {
+        return Some(Hit {
+            surfel: cell.back,
+            front: true,
+        });
+    }
     let passed_by = match front {
         true => None,
         false => passed_by(occluders, segment, cell, first.0),

@@ -57,7 +57,15 @@ pub fn surfels(surfels: &Surfels, places: &[u32]) -> Checked {
             .all(|&p| p == NO_SURFEL || (p as usize) < n),
         "points with surfels that are not there",
     )?;
-    let own = |i: usize| places.get(surfels.points[i] as usize) == Some(&(i as u32));
+    let backs = |i: usize| match surfels.backs[i] {
+        NO_SURFEL => true,
+        back => back != i as u32 && surfels.backs.get(back as usize) == Some(&(i as u32)),
+    };
+    ensure(all(&backs), "backs that are not each other's")?;
+    let own = |i: usize| {
+        let place = places.get(surfels.points[i] as usize);
+        place.is_some_and(|&place| place == i as u32 || place == surfels.backs[i])
+    };
     ensure(all(&own), "surfels with points that are not theirs")
 }
 

@@ -12,7 +12,7 @@ use crate::visibility::Shape;
 /// The first eight bytes.
 pub const MAGIC: [u8; 8] = *b"fmmgi-op";
 /// Increased with every change of the format, and of what the numbers in it mean.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Lists of links with expansions, by order, at most.
 pub const ORDERS: usize = 13;
 
@@ -111,7 +111,7 @@ fn words_of<T>() -> u64 {
     size_of::<T>() as u64 / 4
 }
 
-/// Position, normal, area, tangent, corners, offset, depth, point.
+/// Position, normal, area, tangent, corners, offset, depth, point, back.
 fn words_a_surfel() -> u64 {
-    3 + 3 + 1 + 3 + words_of::<[Vec2; MAX_EDGES]>() + 3
+    3 + 3 + 1 + 3 + words_of::<[Vec2; MAX_EDGES]>() + 4
 }

@@ -62,6 +62,8 @@ fn write(to: &mut dyn Write, geometry: &Geometry, kept: &Kept) -> io::Result<()>
     to.array(&surfels.offsets)?;
     to.array(&surfels.depths)?;
     to.array(&surfels.points)?;
+    let back = |i: usize| surfels.back(i).map_or(NO_SURFEL, |back| back as u32);
+    to.array(&(0..surfels.len()).map(back).collect::<Vec<u32>>())?;
     to.array(&geometry.octree.stored())?;
     to.array(&geometry.octree.cones)?;
     to.array(&shape.counts)?;
@@ -187,6 +189,7 @@ impl Arrays {
             offsets: from.array(n)?,
             depths: from.array(n)?,
             points: from.array(n)?,
+            backs: from.array(n)?,
             occluder_scale: header.occluder_scale,
             ..Surfels::default()
         };

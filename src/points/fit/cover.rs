@@ -1,0 +1,191 @@
+//! Surfels that cover the surface evenly, each fitted to the points around it.
+//!
+//! Points are taken in random order. One that no surfel covers yet becomes the place of a surfel, if it
+//! lies on a surface: on the plane of most of the points around it, which are spread on it as densely as
+//! it is itself. The surfel covers what is on its plane within its size. So no two surfels of one
+//! surface are nearer than that (Poisson discs), those of two sheets know nothing of each other, and layers
+//! within the noise are one sheet.
+
+use glam::Vec3;
+use rand::seq::SliceRandom;
+use rayon::prelude::*;
+
+use super::plane::{AT_LEAST, Around, Weighted};
+use super::samples::{Samples, Scale};
+use crate::error::Result;
+use crate::points::neighbours::Neighbours;
+use crate::progress::Progress;
+use crate::random::{Purpose, stream};
+
+/// Radius of the footprint that a surfel is fitted to, in sizes.
+const FOOTPRINT: f32 = 2.0;
+/// A surfel is as large as this many deviations of the noise, so that its footprint tells a direction.
+const NOISE: f32 = 3.0;
+/// Where less than this part of the points within its size lie on its plane, a surfel is too large for what
+/// is there: boards, posts, pipes, edges.
+const WHOLE: f32 = 0.65;
+/// Surfels are made smaller for that down to this part of the size wanted.
+const SMALLEST: f32 = 0.25;
+/// Times that a footprint on a line is widened, and by what.
+const WIDENED: usize = 3;
+const WIDER: f32 = 1.6;
+/// A point whose spacing is this many times that of the points on its plane is none of them.
+const ALONE: f32 = 2.0;
+/// Maximal Poisson discs of the diameter h: so many in h².
+const DISCS: f64 = 0.7;
+/// Parts of the points that are fitted at the same time: few enough to be far apart.
+const BATCHES: usize = 64;
+
+/// A surfel to be.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Patch {
+    /// The sample that it was fitted at.
+    pub sample: u32,
+    pub position: Vec3,
+    /// Of either sign.
+    pub normal: Vec3,
+    /// No surfel of the same surface is nearer than this.
+    pub size: f32,
+    /// Deviation of points from the plane.
+    pub noise: f32,
+}
+
+impl Patch {
+    /// How far a place is beside the surface of this patch, in what counts as off: up to 1 it is on it.
+    pub fn beside(&self, place: Vec3) -> f32 {
+        let way = place - self.position;
+        let around = Around {
+            places: &[],
+            radius: FOOTPRINT * self.size,
+            noise: self.noise,
+        };
+        let height = self.normal.dot(way);
+        height.abs() / around.off(way - height * self.normal)
+    }
+}
+
+/// The size of surfels of which no more than `most` cover the points.
+pub(super) fn size_for(scale: &Scale, most: usize) -> f32 {
+    let spacing = &scale.spacing;
+    let count = |size: f32| {
+        let of = |d: &f32| f64::from(d / d.max(size)).powi(2);
+        DISCS * spacing.par_iter().map(of).sum::<f64>()
+    };
+    let mut sizes = [0.0, spacing.par_iter().copied().reduce(|| 0.0, f32::max)];
+    if count(f32::MIN_POSITIVE) <= most as f64 {
+        return 0.0;
+    }
+    while count(sizes[1]) > most as f64 {
+        sizes[1] *= 2.0;
+    }
+    for _ in 0..30 {
+        let middle = 0.5 * (sizes[0] + sizes[1]);
+        sizes[usize::from(count(middle) <= most as f64)] = middle;
+    }
+    sizes[1]
+}
+
+/// Covers the samples with patches of this size, smaller ones where the surface needs it and larger ones
+/// where points are farther apart.
+///
+/// # Errors
+/// [`Error::Interrupted`](crate::Error::Interrupted) if `progress` asks to stop.
+pub(super) fn cover(
+    samples: &Samples,
+    scale: &Scale,
+    neighbours: &Neighbours,
+    size: f32,
+    progress: &dyn Progress,
+) -> Result<Vec<Patch>> {
+    let n = samples.len();
+    progress.stage("surfels", n as u64);
+    let mut order: Vec<u32> = (0..n as u32).collect();
+    order.shuffle(&mut stream(0, Purpose::Fit, u64::MAX));
+    let mut covered = vec![false; n];
+    let mut patches = Vec::new();
+    for batch in order.chunks(n.div_ceil(BATCHES).clamp(256, 8192)) {
+        progress.check()?;
+        let open = batch.par_iter().filter(|&&i| !covered[i as usize]);
+        let found: Vec<(Patch, Vec<u32>)> = open
+            .filter_map(|&i| patch_at(samples, scale, neighbours, size, i as usize))
+            .collect();
+        for (patch, on_it) in found {
+            // One of the same batch may have come first.
+            if !covered[patch.sample as usize] {
+                on_it.iter().for_each(|&k| covered[k as usize] = true);
+                patches.push(patch);
+            }
+        }
+        progress.advance(batch.len() as u64);
+    }
+    Ok(patches)
+}
+
+/// The patch at a sample and the samples that it covers; `None` where the sample is on no surface.
+fn patch_at(
+    samples: &Samples,
+    scale: &Scale,
+    neighbours: &Neighbours,
+    wanted: f32,
+    i: usize,
+) -> Option<(Patch, Vec<u32>)> {
+    let place = samples.positions[i];
+    let noise = scale.noise[i];
+    let finest = scale.spacing[i].max(NOISE * noise);
+    let mut size = finest.max(wanted);
+    let least = finest.max(SMALLEST * wanted);
+    let mut random = stream(0, Purpose::Fit, i as u64);
+    let mut widened = 0;
+    loop {
+        let near = neighbours.all_within(place, FOOTPRINT * size);
+        let places: Vec<Vec3> = (near.iter())
+            .map(|&(k, _)| samples.positions[k as usize] - place)
+            .collect();
+        let around = Around {
+            places: &places,
+            radius: FOOTPRINT * size,
+            noise,
+        };
+        let plane = around.plane(&mut random);
+        let on: Vec<usize> = plane.iter().flat_map(|plane| {
+            (0..places.len()).filter(|&k| around.is_on(plane, places[k]))
+        }).collect();
+        let wide = Weighted::of(on.iter().map(|&k| (places[k], 1.0)))
+            .plane()
+            .is_some_and(|p| p.is_wide());
+        let Some(plane) = plane.filter(|_| on.len() > AT_LEAST && wide) else {
+            if widened == WIDENED {
+                return None;
+            }
+            widened += 1;
+            size *= WIDER;
+            continue;
+        };
+        let within = |k: &usize| near[*k].1 <= size * size;
+        let whole = near.iter().filter(|n| n.1 <= size * size).count();
+        let share = on.iter().copied().filter(|k| within(k)).count() as f32 / whole as f32;
+        let own = around.is_on(&plane, Vec3::ZERO);
+        if (share < WHOLE || !own) && widened == 0 && size > least {
+            size = least.max(0.5 * size);
+            continue;
+        }
+        let mut others: Vec<f32> = (on.iter())
+            .map(|&k| scale.spacing[near[k].0 as usize])
+            .collect();
+        let half = others.len() / 2;
+        let usual = *others.select_nth_unstable_by(half, f32::total_cmp).1;
+        if !own || scale.spacing[i] > ALONE * usual {
+            return None;
+        }
+        let position = place - plane.height(Vec3::ZERO) * plane.normal;
+        let on_it = on.into_iter().filter(within).map(|k| near[k].0).collect();
+        let patch = Patch {
+            sample: i as u32,
+            position,
+            normal: plane.normal,
+            size,
+            noise,
+        };
+        return Some((patch, on_it));
+    }
+}

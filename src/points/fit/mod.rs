@@ -1,0 +1,171 @@
+//! The surface behind the points of a scan: surfels that are fitted to them.
+//!
+//! 1. [`samples`]: the usable points, with spacing and noise around each.
+//! 2. [`cover`]: surfels on an even spacing, each on the plane of most of the points around it.
+//! 3. [`owners`]: for each point the surfel that it is a measurement of, if any; their colours.
+//! 4. [`sides`]: which side of each surfel is lit; both, where nothing says which.
+
+mod cover;
+mod owners;
+mod plane;
+mod samples;
+mod sides;
+mod signs;
+
+use glam::{DVec3, Vec3};
+
+use super::neighbours::Neighbours;
+use super::{Facing, PointCloud, Surfels};
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crate::visibility::NO_SURFEL;
+use cover::Patch;
+use owners::Owners;
+use samples::{Samples, Scale};
+use sides::Known;
+
+/// What tells which side of a surface is lit, beside what the cloud itself knows.
+#[derive(Clone, Debug, Default)]
+pub struct Evidence {
+    pub facing: Facing,
+    /// Lamps, in the scan's coordinates: they hang in free space.
+    pub lamps: Vec<DVec3>,
+}
+
+/// A fitted surface.
+pub(super) struct Fitted {
+    /// Without cells and areas.
+    pub surfels: Surfels,
+    /// Of each surfel: no other one of its surface is nearer.
+    pub sizes: Vec<f32>,
+    /// For each point of the cloud the surfel whose light it gets, if it has a place.
+    pub surfel_of_point: Vec<Option<u32>>,
+    /// Points that are on no surface.
+    pub strays: usize,
+    /// Points without finite coordinates.
+    pub unplaced: usize,
+    /// Share of the area whose lit side is unknown.
+    pub unsure: f64,
+    /// What the sides were decided by.
+    pub how: &'static str,
+}
+
+/// The surface of a cloud in about `most` surfels, or as few as its points allow.
+///
+/// # Errors
+/// [`Error::Invalid`] where the points make no surface; [`Error::Interrupted`] if `progress` asks to stop.
+pub(super) fn fit(
+    cloud: &PointCloud,
+    evidence: &Evidence,
+    size: Option<f64>,
+    most: usize,
+    progress: &dyn Progress,
+) -> Result<Fitted> {
+    progress.stage("spacing", 1);
+    let samples = Samples::of(cloud, progress)?;
+    let neighbours = Neighbours::new(&samples.positions)?;
+    let scale = Scale::of(&samples, &neighbours, progress)?;
+    let size = size.map_or(0.0, |size| size as f32).max(cover::size_for(&scale, most));
+    let mut patches = cover::cover(&samples, &scale, &neighbours, size, progress)?;
+    drop(neighbours);
+    if patches.is_empty() {
+        return Err(Error::Invalid(format!(
+            "no surface in these {} points: nowhere do enough of them lie on a plane",
+            samples.len()
+        )));
+    }
+    let owners = Owners::of(&samples, &mut patches, progress)?;
+    let (told, told_by) = told(cloud, evidence, &samples, &patches, &owners);
+    let lamps: Vec<Vec3> = evidence.lamps.iter().map(|l| (*l - samples.origin).as_vec3()).collect();
+    let known = Known {
+        told: &told,
+        told_by,
+        facing: &evidence.facing,
+        lamps: &lamps,
+    };
+    let found = sides::sides(&patches, &known, progress)?;
+    for (patch, flipped) in patches.iter_mut().zip(&found.flipped) {
+        patch.normal = if *flipped { -patch.normal } else { patch.normal };
+    }
+    let area = |p: &Patch| f64::from(p.size).powi(2);
+    let both = patches.iter().zip(&found.unsure).filter(|(_, unsure)| **unsure);
+    let unsure = both.map(|(p, _)| area(p)).sum::<f64>() / patches.iter().map(area).sum::<f64>();
+    let mut fitted = Fitted {
+        strays: owners.strays(),
+        unplaced: cloud.len() - samples.len(),
+        surfel_of_point: owners.of_points(cloud.len(), &samples),
+        sizes: patches.iter().map(|p| p.size).collect(),
+        surfels: surfels(cloud, &samples, &patches, &owners),
+        unsure,
+        how: found.how,
+    };
+    fitted.add_backs(&found.unsure);
+    Ok(fitted)
+}
+
+fn surfels(cloud: &PointCloud, samples: &Samples, patches: &[Patch], owners: &Owners) -> Surfels {
+    let (reflectance, emission) = owners.colours(cloud, samples);
+    Surfels {
+        origin: samples.origin,
+        positions: patches.iter().map(|p| p.position).collect(),
+        normals: patches.iter().map(|p| p.normal).collect(),
+        areas: vec![0.0; patches.len()],
+        points: patches.iter().map(|p| samples.points[p.sample as usize]).collect(),
+        reflectance,
+        emission,
+        ..Surfels::default()
+    }
+}
+
+/// What is told of the side of each patch, and by what: normals of the file, or places that it was seen from.
+fn told(
+    cloud: &PointCloud,
+    evidence: &Evidence,
+    samples: &Samples,
+    patches: &[Patch],
+    owners: &Owners,
+) -> (Vec<f32>, &'static str) {
+    let mut sums = vec![(0.0, 0.0_f32); patches.len()];
+    let (mut by_normals, mut by_views) = (false, false);
+    for (k, owner) in owners.iter() {
+        let point = samples.points[k] as usize;
+        let given = cloud.normals.get(point).and_then(|n| n.try_normalize());
+        by_normals |= given.is_some();
+        let seen = || {
+            let from = evidence.facing.viewpoint(cloud, point)?;
+            (from - cloud.positions[point]).as_vec3().try_normalize()
+        };
+        if let Some(way) = given.or_else(seen) {
+            by_views |= given.is_none();
+            let (sum, count) = &mut sums[owner as usize];
+            *sum += way.dot(patches[owner as usize].normal);
+            *count += 1.0;
+        }
+    }
+    let by = match (by_normals, by_views, evidence.facing) {
+        (true, ..) => "turned as the given normals",
+        (_, true, Facing::Viewpoint(_)) => "turned to the viewpoint",
+        _ => "turned to the scanner",
+    };
+    (sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect(), by)
+}
+
+impl Fitted {
+    /// Gives surfels of which both sides may be lit a second one at the same place that faces the other way.
+    fn add_backs(&mut self, unsure: &[bool]) {
+        let surfels = &mut self.surfels;
+        let n = surfels.len();
+        surfels.backs = vec![NO_SURFEL; n];
+        for i in (0..n).filter(|&i| unsure[i]) {
+            surfels.backs[i] = surfels.len() as u32;
+            surfels.backs.push(i as u32);
+            surfels.positions.push(surfels.positions[i]);
+            surfels.normals.push(-surfels.normals[i]);
+            surfels.areas.push(surfels.areas[i]);
+            surfels.reflectance.push(surfels.reflectance[i]);
+            surfels.emission.push(surfels.emission[i]);
+            surfels.points.push(surfels.points[i]);
+            self.sizes.push(self.sizes[i]);
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! The plane of the surface at a point: that of most of the points around, not of all of them.
+
+use glam::{DVec3, Vec3};
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+
+use crate::points::plane::least_axis;
+
+/// Planes through the point and two of its neighbours that are tried.
+const TRIALS: usize = 24;
+/// Neighbours that are drawn from for that, and those that a trial is judged by.
+const DRAWN_FROM: usize = 24;
+const JUDGES: usize = 96;
+/// Rounds of fitting and weighing.
+const ROUNDS: usize = 4;
+/// Points this many deviations off a plane are no part of it.
+const OFF: f32 = 2.5;
+/// A surface bends away from its tangent plane by up to this part of r² / R within the radius R: one
+/// whose radius of curvature is 2.5 R or more is met whole, a rounder one near the point.
+const BENT: f32 = 0.2;
+/// A plane whose points lie within such a part of their length across is a line.
+const LINE: f32 = 0.04;
+
+/// Weighted sums of places.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Weighted {
+    weight: f64,
+    sum: DVec3,
+    squares: [f64; 6],
+}
+
+/// A plane by least squares.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Plane {
+    pub normal: Vec3,
+    pub centre: Vec3,
+    /// Root mean square of the heights.
+    pub rms: f32,
+    /// Variances along the plane, the smaller one first.
+    pub along: [f32; 2],
+}
+
+impl Weighted {
+    pub fn of(places: impl Iterator<Item = (Vec3, f32)>) -> Weighted {
+        let mut sums = Weighted::default();
+        for (place, weight) in places {
+            let (p, w) = (place.as_dvec3(), f64::from(weight));
+            sums.weight += w;
+            sums.sum += w * p;
+            let terms = [p.x * p.x, p.y * p.y, p.z * p.z, p.x * p.y, p.x * p.z, p.y * p.z];
+            (sums.squares.iter_mut().zip(terms)).for_each(|(s, t)| *s += w * t);
+        }
+        sums
+    }
+
+    /// The plane, if there is anything to lay one through.
+    pub fn plane(&self) -> Option<Plane> {
+        if self.weight <= 0.0 {
+            return None;
+        }
+        let c = self.sum / self.weight;
+        let of_mean = [c.x * c.x, c.y * c.y, c.z * c.z, c.x * c.y, c.x * c.z, c.y * c.z];
+        let m = std::array::from_fn(|k| self.squares[k] / self.weight - of_mean[k]);
+        let (normal, [least, middle, largest]) = least_axis(m);
+        Some(Plane {
+            normal: normal.as_vec3(),
+            centre: c.as_vec3(),
+            rms: least.sqrt() as f32,
+            along: [middle, largest].map(|v| v as f32),
+        })
+    }
+}
+
+impl Plane {
+    pub fn height(&self, place: Vec3) -> f32 {
+        self.normal.dot(place - self.centre)
+    }
+
+    /// Whether its points are spread in two directions.
+    pub fn is_wide(&self) -> bool {
+        self.along[0] > LINE * self.along[1]
+    }
+}
+
+/// What a plane is fitted to: places around a point, which is the origin.
+pub(super) struct Around<'a> {
+    /// Nearest first.
+    pub places: &'a [Vec3],
+    /// No place is farther.
+    pub radius: f32,
+    pub noise: f32,
+}
+
+impl Around<'_> {
+    /// The same as one deviation.
+    fn tolerance(&self, place: Vec3) -> f32 {
+        self.noise + BENT * place.length_squared() / (OFF * self.radius)
+    }
+
+    /// How far a place may be off the tangent plane and still be of the surface.
+    pub fn off(&self, place: Vec3) -> f32 {
+        OFF * self.tolerance(place)
+    }
+
+    /// Whether a place is on the surface with this tangent plane.
+    pub fn is_on(&self, plane: &Plane, place: Vec3) -> bool {
+        plane.height(place).abs() <= self.off(place)
+    }
+
+    fn weight(&self, plane: &Plane, place: Vec3) -> f32 {
+        let height = plane.height(place) / self.tolerance(place);
+        let near = 1.0 - place.length_squared() / (self.radius * self.radius);
+        (-0.5 * height * height).exp() * near.max(0.05)
+    }
+
+    /// The plane through the point that most places agree with; `None` where they lie on no plane.
+    pub fn plane(&self, random: &mut Pcg64Mcg) -> Option<Plane> {
+        let places = self.places;
+        if places.len() < 3 {
+            return None;
+        }
+        let step = places.len().div_ceil(JUDGES);
+        let judges = || places.iter().step_by(step);
+        let agreement = |plane: &Plane| judges().map(|&p| self.weight(plane, p)).sum::<f32>();
+        let through = |normal: Vec3| Plane {
+            normal,
+            centre: Vec3::ZERO,
+            rms: 0.0,
+            along: [0.0; 2],
+        };
+        let even = |count: usize| {
+            let of = places[..count.min(places.len())].iter().map(|&p| (p, 1.0));
+            Weighted::of(of).plane()
+        };
+        let of_all = even(places.len());
+        let mut best = of_all.or_else(|| even(AT_LEAST))?;
+        let mut most = agreement(&best);
+        let mut consider = |plane: Plane| {
+            let agree = agreement(&plane);
+            if agree > most {
+                (best, most) = (plane, agree);
+            }
+        };
+        even(2 * AT_LEAST).into_iter().for_each(&mut consider);
+        let drawn_from = places.len().min(DRAWN_FROM);
+        // In a dense footprint the nearest are too near to tell a direction in the noise.
+        let stride = (places.len() / DRAWN_FROM).max(1);
+        for _ in 0..TRIALS {
+            let [a, b] = [(); 2].map(|()| places[stride * random.random_range(0..drawn_from)]);
+            let across = a.cross(b);
+            if across.length_squared() > 0.05 * a.length_squared() * b.length_squared() {
+                consider(through(across.normalize()));
+            }
+        }
+        for _ in 0..ROUNDS {
+            let weighted = places.iter().map(|&p| (p, self.weight(&best, p)));
+            best = Weighted::of(weighted).plane()?;
+        }
+        Some(best)
+    }
+}
+
+/// Places that a plane is laid through, at least.
+pub(super) const AT_LEAST: usize = 6;

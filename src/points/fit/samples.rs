@@ -1,0 +1,140 @@
+//! The usable points of a cloud, with the scale of what is known around each: distance of the points
+//! and noise, both of the place and not of the whole cloud.
+
+use std::f32::consts::PI;
+
+use glam::{DVec3, Vec3};
+use rand::RngExt;
+use rayon::prelude::*;
+
+use super::plane::Weighted;
+use crate::error::{Error, Result};
+use crate::octree::morton_codes;
+use crate::points::neighbours::{Last, Neighbours, runs};
+use crate::points::select::middle;
+use crate::points::PointCloud;
+use crate::progress::Progress;
+use crate::random::{Purpose, stream};
+use crate::scene::LARGEST;
+
+/// Neighbours whose farthest tells the spacing: enough that the pattern of a scan's lines averages out.
+const AROUND: usize = 12;
+/// Places that the noise is measured at, and those of them that are asked at a point.
+const PROBES: usize = 4000;
+const ASKED: usize = 9;
+/// Neighbours that a plane is laid through for that: the fewest that lie on one.
+const SCALES: [usize; 4] = [16, 32, 64, 128];
+/// Points lie on a plane if they are off it by less than this part of its radius, in the mean.
+const FLAT: f32 = 0.1;
+/// Noise below this part of the spacing is taken for this: planes stand for curved surfaces.
+const LEAST_NOISE: f32 = 0.01;
+
+/// Points with finite coordinates, along a Morton curve; all arrays have one entry each.
+pub(super) struct Samples {
+    /// Component-wise median, in the scan's coordinates.
+    pub origin: DVec3,
+    /// Relative to `origin`.
+    pub positions: Vec<Vec3>,
+    /// Indices in the cloud.
+    pub points: Vec<u32>,
+}
+
+/// What the points tell of the surface around each of them, one entry a sample.
+pub(super) struct Scale {
+    /// Distance of the points around: the side of the square that each has on the surface.
+    pub spacing: Vec<f32>,
+    /// Standard deviation of the points from their surface, with what layers of several scans are apart.
+    pub noise: Vec<f32>,
+}
+
+impl Samples {
+    /// # Errors
+    /// [`Error::Invalid`] if no point has finite coordinates.
+    pub fn of(cloud: &PointCloud, progress: &dyn Progress) -> Result<Samples> {
+        let placed = |i: usize| cloud.positions[i].abs().cmple(DVec3::splat(LARGEST)).all();
+        let Some(origin) = middle(cloud, placed) else {
+            return Err(Error::Invalid("no point has finite coordinates".into()));
+        };
+        let all: Vec<u32> = (0..cloud.len() as u32)
+            .into_par_iter()
+            .filter(|&i| placed(i as usize))
+            .collect();
+        let place = |&i: &u32| (cloud.positions[i as usize] - origin).as_vec3();
+        let positions: Vec<Vec3> = all.par_iter().map(place).collect();
+        let mut keys: Vec<(u64, u32)> = morton_codes(&positions).zip(all).collect();
+        keys.par_sort_unstable();
+        let points: Vec<u32> = keys.into_par_iter().map(|(_, i)| i).collect();
+        let positions: Vec<Vec3> = points.par_iter().map(place).collect();
+        progress.check()?;
+        Ok(Samples {
+            origin,
+            positions,
+            points,
+        })
+    }
+
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+}
+
+impl Scale {
+    /// Finds spacing and noise.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] if `progress` asks to stop.
+    pub fn of(samples: &Samples, neighbours: &Neighbours, progress: &dyn Progress) -> Result<Scale> {
+        let (n, positions) = (samples.len(), &samples.positions);
+        let spacing = |run: std::ops::Range<usize>| {
+            let (mut last, mut near) = (Last::default(), Vec::new());
+            let spacing = |i: usize| {
+                neighbours.next_nearest(i, AROUND, &mut last, &mut near);
+                let far = near.last().map_or(0.0, |n| n.1.length() as f32);
+                far * (PI / near.len().max(1) as f32).sqrt()
+            };
+            run.map(spacing).collect::<Vec<f32>>()
+        };
+        let spacing: Vec<f32> = runs(0..n).flat_map_iter(spacing).collect();
+        progress.check()?;
+        let step = n.div_ceil(PROBES).max(1);
+        let probes: Vec<(Vec3, f32)> = (0..n.div_ceil(step))
+            .into_par_iter()
+            .filter_map(|k| {
+                let mut random = stream(0, Purpose::Fit, k as u64);
+                let i = (k * step + random.random_range(0..step)).min(n - 1);
+                Some((positions[i], noise_at(i, neighbours)?))
+            })
+            .collect();
+        let places: Vec<Vec3> = probes.iter().map(|p| p.0).collect();
+        let tree = match places.is_empty() {
+            true => None,
+            false => Some(Neighbours::new(&places)?),
+        };
+        let noise = |i: usize| {
+            let least = LEAST_NOISE * spacing[i];
+            let Some(tree) = &tree else { return least };
+            let mut around: Vec<f32> = tree
+                .around(positions[i], ASKED)
+                .iter()
+                .map(|&k| probes[k as usize].1)
+                .collect();
+            let half = around.len() / 2;
+            around.select_nth_unstable_by(half, f32::total_cmp).1.max(least)
+        };
+        let noise = (0..n).into_par_iter().map(noise).collect();
+        progress.check()?;
+        Ok(Scale { spacing, noise })
+    }
+}
+
+/// Root mean square of the heights above the plane of the fewest neighbours that lie on one.
+fn noise_at(i: usize, neighbours: &Neighbours) -> Option<f32> {
+    let mut near = Vec::new();
+    neighbours.nearest(i, SCALES[SCALES.len() - 1], &mut near);
+    let places: Vec<Vec3> = near.iter().map(|n| n.1.as_vec3()).collect();
+    SCALES.iter().take_while(|&&k| k <= places.len()).find_map(|&k| {
+        let plane = Weighted::of(places[..k].iter().map(|&p| (p, 1.0))).plane()?;
+        let radius = places[k - 1].length();
+        (plane.rms < FLAT * radius && plane.is_wide()).then_some(plane.rms)
+    })
+}
