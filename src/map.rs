@@ -6,8 +6,11 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::error::Result;
+use crate::lights::form;
 use crate::points::{Neighbours, PointCloud, Surfels};
 use crate::progress::Progress;
+use crate::scene::PointLight;
+use crate::visibility::{NO_SURFEL, Occluders, Segment, blocked};
 
 /// Surfels around a point that is none, between which its light lies.
 const AROUND: usize = 12;
@@ -34,21 +37,31 @@ pub struct IlluminationMap {
     pub in_transport: Vec<bool>,
 }
 
+/// Light of surfels that is handed to points.
+pub(crate) struct Lit<'a> {
+    pub surfels: &'a Surfels,
+    /// Irradiance of the surfels: what lies between them is their mean.
+    pub irradiance: &'a [DVec3],
+    /// Lamps whose light is not in it: it is found at each point by itself.
+    pub lamps: &'a [PointLight],
+    /// What stands in their way.
+    pub occluders: Option<&'a Occluders>,
+}
+
 impl IlluminationMap {
-    /// Hands the irradiance of the surfels to the points of the cloud, whose places among the surfels
-    /// are given. Points beside the surfel that stands for them get what lies between the surfels around
-    /// that face the same way.
+    /// Hands the light of surfels to the points of the cloud, whose places among the surfels are given. Points
+    /// beside the surfel that stands for them get what lies between the surfels around that face the same
+    /// way.
     ///
     /// # Errors
     /// [`Error::Interrupted`](crate::Error::Interrupted) if `progress` asks to stop.
-    pub fn new(
+    pub(crate) fn new(
         cloud: &PointCloud,
         places: &[Option<u32>],
-        surfels: &Surfels,
-        irradiance: &[DVec3],
+        lit: &Lit,
         progress: &dyn Progress,
     ) -> Result<IlluminationMap> {
-        let n = cloud.len();
+        let (n, surfels) = (cloud.len(), lit.surfels);
         let left_out =
             |i: &usize| places[*i].is_some_and(|k| surfels.points[k as usize] != *i as u32);
         let tree = match (0..n).into_par_iter().any(|i| left_out(&i)) {
@@ -68,24 +81,33 @@ impl IlluminationMap {
             let Some(k) = places[i].map(|k| k as usize) else {
                 return (Vec3::ZERO, given.unwrap_or_default(), 0.0);
             };
+            let place = (cloud.positions[i] - surfels.origin).as_vec3();
             // Of two sides the one with more light.
-            let bright = |k: &usize| irradiance[*k].element_sum();
-            let brighter = surfels.back(k).filter(|back| bright(back) > bright(&k));
-            let k = brighter.unwrap_or(k);
-            let normal = given.unwrap_or(surfels.normals[k]);
-            let own = irradiance[k].as_vec3();
+            let on_side = |k: usize| {
+                let normal = given.unwrap_or(surfels.normals[k]);
+                let own = (lit.irradiance[k], normal);
+                let between = match &tree {
+                    Some(tree) if left_out(&i) => {
+                        between(surfels, lit.irradiance, tree, place, normal)
+                    }
+                    _ => None,
+                };
+                let (light, bent) = between.unwrap_or(own);
+                let normal = given.unwrap_or(bent);
+                (light + lit.from_lamps(k, place, normal), normal)
+            };
             let radius = match surfels.stands_for(k, cloud.positions[i]) {
                 true => (surfels.areas[k] / PI).sqrt(),
-                false => return (own, normal, 0.0),
+                false => 0.0,
             };
-            match &tree {
-                Some(tree) if left_out(&i) => {
-                    let place = (cloud.positions[i] - surfels.origin).as_vec3();
-                    let between = between(surfels, irradiance, tree, place, normal);
-                    (between.unwrap_or(own), normal, radius)
+            let (mut light, mut normal) = on_side(k);
+            if let Some(back) = surfels.back(k) {
+                let other = on_side(back);
+                if other.0.element_sum() > light.element_sum() {
+                    (light, normal) = other;
                 }
-                _ => (own, normal, radius),
             }
+            (light.as_vec3(), normal, radius)
         };
         for first in (0..n).step_by(BLOCK) {
             progress.check()?;
@@ -105,8 +127,32 @@ impl IlluminationMap {
     }
 }
 
-/// Light at a place between surfels: a mean with weights ((R - r) / R r)², which at a surfel is its own
-/// (R. Franke and G. Nielson, "Smooth interpolation of large sets of scattered data", 1980), of those on
+impl Lit<'_> {
+    /// Irradiance from the lamps at a place on the surface of a surfel.
+    fn from_lamps(&self, k: usize, place: Vec3, normal: Vec3) -> DVec3 {
+        let surfels = self.surfels;
+        let own = surfels.normals[k];
+        // Points scatter about their surface, which is no bump that casts a shadow.
+        let beside = own.dot(place - surfels.positions[k]) - surfels.offsets[k];
+        let from = place - beside * own;
+        let of_lamp = |lamp: &PointLight| {
+            let to = (lamp.position - surfels.origin).as_vec3();
+            let form = form(to - place, normal, surfels.areas[k])?;
+            let segment = Segment {
+                from: from.to_array(),
+                skip_from: k as u32,
+                to: to.to_array(),
+                skip_to: surfels.back(k).map_or(NO_SURFEL, |back| back as u32),
+            };
+            let blocked = self.occluders.is_some_and(|o| blocked::<f32>(o, &segment));
+            (!blocked).then(|| lamp.intensity.as_dvec3() * f64::from(form))
+        };
+        self.lamps.iter().filter_map(of_lamp).sum()
+    }
+}
+
+/// Light and normal at a place between surfels: means with weights ((R - r) / R r)², which at a surfel are its
+/// own (R. Franke and G. Nielson, "Smooth interpolation of large sets of scattered data", 1980), of those on
 /// one surface with the place. `None` where none is.
 fn between(
     surfels: &Surfels,
@@ -114,16 +160,16 @@ fn between(
     tree: &Neighbours,
     place: Vec3,
     normal: Vec3,
-) -> Option<Vec3> {
+) -> Option<(DVec3, Vec3)> {
     let near = tree.around(place, AROUND);
     let distance = |&k: &u32| surfels.positions[k as usize].distance(place);
     let reach = distance(near.last()?);
-    let (mut sum, mut whole) = (DVec3::ZERO, 0.0);
+    let (mut sum, mut normals, mut whole) = (DVec3::ZERO, Vec3::ZERO, 0.0);
     for k in near.iter().map(|&k| k as usize) {
         let way = surfels.positions[k] - place;
         let far = way.length();
         if far == 0.0 && surfels.normals[k].dot(normal) > 0.0 {
-            return Some(irradiance[k].as_vec3());
+            return Some((irradiance[k], surfels.normals[k]));
         }
         let bent = surfels.normals[k].distance_squared(normal) / (BENT * BENT);
         let aside = (surfels.normals[k].dot(way) / (ASIDE * reach)).powi(2);
@@ -131,10 +177,11 @@ fn between(
         if near > 0.0 && surfels.normals[k].dot(normal) > 0.0 {
             let weight = f64::from(near * near);
             sum += weight * irradiance[k];
+            normals += near * near * surfels.normals[k];
             whole += weight;
         }
     }
-    (whole > 0.0 && whole.is_finite()).then(|| (sum / whole).as_vec3())
+    (whole > 0.0 && whole.is_finite()).then(|| (sum / whole, normals.normalize_or(normal)))
 }
 
 impl IlluminationMap {

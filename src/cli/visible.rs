@@ -115,7 +115,8 @@ pub fn run(args: &Args) -> Result<Done> {
 
     let about = |error: Error| error.about(outputs::names(&args.inputs));
     let (evidence, thinning) = (Evidence::default(), Thinning::default());
-    let prepared = Surfels::of_scan(&scene.cloud, &evidence, &thinning, &progress).map_err(about)?;
+    let prepared =
+        Surfels::of_scan(&scene.cloud, &evidence, &thinning, &progress).map_err(about)?;
     let (octree, surfels) = Octree::build(&prepared.surfels, LEAF_SIZE);
     let from = nearest(&surfels, args.from);
     let seen = see(args, &octree, &surfels, from, &chosen.backend(), &progress).map_err(about)?;

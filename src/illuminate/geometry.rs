@@ -8,13 +8,17 @@ use glam::DVec3;
 use super::options::{Occlusion, Options};
 use super::stats::Seconds;
 use crate::error::{Error, Result};
-use crate::map::IlluminationMap;
+use crate::lights;
+use crate::map::{IlluminationMap, Lit};
 use crate::octree::Octree;
 use crate::plan::{ORDER, Plan, thinning};
 use crate::points::{self, Evidence, PointCloud, Prepared, Quality, Surfels};
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::visibility::Occluders;
+use crate::visibility::{CpuVisibility, NothingInTheWay, Occluders, Visibility};
+
+/// Lamps whose light is found at each point, at most.
+const LAMPS: usize = 16;
 
 /// The surfels of a cloud in the order of their octree.
 pub(super) struct Geometry {
@@ -30,6 +34,8 @@ pub(super) struct Geometry {
     pub order: usize,
     /// What was left out or merged, with counts.
     pub repairs: Vec<String>,
+    /// Whether the surfels were fitted to the points.
+    pub fitted: bool,
     /// How good the cloud is as a surface; not kept in files.
     pub quality: Option<Quality>,
 }
@@ -71,6 +77,7 @@ impl Geometry {
             }
         }
         let places = prepared.places(&surfels);
+        let fitted = prepared.is_fitted();
         drop(prepared.surfels);
         let geometry = Geometry {
             occluders: occluders.map(Arc::new),
@@ -79,6 +86,7 @@ impl Geometry {
             fingerprint: cloud.fingerprint(),
             octree,
             order: plan.order.unwrap_or(ORDER),
+            fitted,
             repairs: prepared.repairs,
             quality: Some(prepared.quality),
         };
@@ -138,13 +146,38 @@ impl Geometry {
         Ok(())
     }
 
-    /// Hands the irradiance of the surfels to the points of the cloud.
+    /// Hands the irradiance of the surfels to the points of the cloud. Of a fitted surface points lie between
+    /// surfels: that of few lamps, which is sharp, is found anew at each point.
     pub fn map(
         &self,
-        cloud: &PointCloud,
+        scene: &Scene,
         irradiance: &[DVec3],
         progress: &dyn Progress,
     ) -> Result<IlluminationMap> {
-        IlluminationMap::new(cloud, &self.places, &self.surfels, irradiance, progress)
+        let surfels = &*self.surfels;
+        let occluders = self.occluders.as_deref();
+        let mut lit = Lit {
+            surfels,
+            irradiance,
+            lamps: &[],
+            occluders,
+        };
+        let mut rest = Vec::new();
+        if self.fitted && scene.lights.len() <= LAMPS {
+            let visibility: Box<dyn Visibility> = match occluders {
+                Some(occluders) => Box::new(CpuVisibility::<f32>::new(occluders)),
+                None => Box::new(NothingInTheWay),
+            };
+            let lamps = lights::point_lights(surfels, &scene.lights, &*visibility, progress)?;
+            rest.extend(
+                irradiance
+                    .iter()
+                    .zip(lamps.irradiance)
+                    .map(|(all, lamps)| *all - lamps),
+            );
+            lit.irradiance = &rest;
+            lit.lamps = &scene.lights;
+        }
+        IlluminationMap::new(&scene.cloud, &self.places, &lit, progress)
     }
 }

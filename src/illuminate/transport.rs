@@ -360,7 +360,7 @@ impl Transport {
             plan: self.plan.clone(),
         };
         Ok(Illumination {
-            map: geometry.map(&scene.cloud, &solved.irradiance, progress)?,
+            map: geometry.map(scene, &solved.irradiance, progress)?,
             surfels: geometry.surfels.clone(),
             direct: solved.direct,
             stats,

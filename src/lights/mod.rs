@@ -7,6 +7,7 @@ mod sky;
 
 pub(crate) use emitters::RECEIVERS;
 pub use emitters::{EXPANSIONS, Emitted, emitted, emitters};
+pub(crate) use points::form;
 pub use points::{Illuminated, point_lights};
 pub use sky::sky;
 pub(crate) use sky::{SkySeen, strata, visible_sky};

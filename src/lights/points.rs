@@ -1,5 +1,7 @@
 //! Point lights.
 
+use std::f32::consts::PI;
+
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -47,11 +49,9 @@ pub fn point_lights(
                 .filter_map(|b| {
                     let i = first + b;
                     let way = place - surfels.positions[i];
-                    let distance2 = way.length_squared();
-                    let least = surfels.areas[i] / std::f32::consts::PI;
-                    let height = surfels.normals[i].dot(way);
-                    let form = height / (distance2.max(least) * distance2.sqrt());
-                    (height > 0.0).then_some((b, form, distance2 < least))
+                    let close = way.length_squared() < surfels.areas[i] / PI;
+                    let form = form(way, surfels.normals[i], surfels.areas[i])?;
+                    Some((b, form, close))
                 })
                 .collect();
             let segments: Vec<Segment> = unoccluded
@@ -76,6 +76,14 @@ pub fn point_lights(
         too_close,
         on_surface,
     })
+}
+
+/// What a piece of surface of this area gets of a unit of intensity that comes along `way` from it, if it
+/// faces it: cos θ / r².
+pub(crate) fn form(way: Vec3, normal: Vec3, area: f32) -> Option<f32> {
+    let distance2 = way.length_squared();
+    let height = normal.dot(way);
+    (height > 0.0).then(|| height / (distance2.max(area / PI) * distance2.sqrt()))
 }
 
 /// Where a light that lies on a surfel shines from: there, rounding would decide what it sees.

@@ -221,7 +221,12 @@ fn few(scene: &Scene) -> Result<Prepared> {
         max_points: Some(enough),
         ..Thinning::default()
     };
-    Surfels::of_scan(&every(cloud, WITHOUT_NORMALS), &evidence, &thinning, &Silent)
+    Surfels::of_scan(
+        &every(cloud, WITHOUT_NORMALS),
+        &evidence,
+        &thinning,
+        &Silent,
+    )
 }
 
 fn every(cloud: &PointCloud, most: usize) -> PointCloud {

@@ -69,13 +69,14 @@ impl Cell {
     /// belongs to the same smooth surface if the cosine between the normals exceeds the rule's
     /// `crease`.
     /// Without any neighbour the cell is of the order of `size`; it stands for a spacing of no more than
-    /// `widest`.
+    /// `widest`. Where the surface ends, it goes as far as `end` says of a direction, or half of a spacing.
     pub fn new(
         normal: DVec3,
         neighbours: &[Neighbour],
         rule: &SurfaceRule,
         size: f64,
         widest: f64,
+        end: Option<&dyn Fn(DVec3) -> f64>,
     ) -> Cell {
         let crease = rule.crease;
         let similar = |n: &&Neighbour| n.normal.dot(normal) > crease;
@@ -117,7 +118,11 @@ impl Cell {
             }
         }
         for (direction, distance) in borders(neighbours, &flat, normal, crease, spacing) {
-            polygon.clip(direction, distance);
+            let along = direction.x * tangent + direction.y * bitangent;
+            polygon.clip(
+                direction,
+                end.map_or(distance, |end| end(along).max(distance)),
+            );
         }
         let area = polygon.area();
         let bend = bend(normal, neighbours.iter().filter(similar));

@@ -4,13 +4,13 @@ use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::cells::{Cell, MAX_EDGES};
+use super::fit::{Evidence, Extents, fit};
 use super::neighbours::{Last, Neighbour, Neighbours, RUN};
 use super::rule::SurfaceRule;
 use super::select::select;
 use super::smooth::{settled, smoothed};
 use super::strays::strays;
 use super::thin::{spread, spread_to};
-use super::fit::{Evidence, fit};
 use super::{Cells, PointCloud, Quality, Surfels};
 use crate::error::{Error, Result};
 use crate::memory;
@@ -75,6 +75,7 @@ pub struct Prepared {
     given_areas: Vec<f32>,
     /// Of fitted surfels: no other one of the same surface is nearer, and no cell much wider.
     sizes: Vec<f32>,
+    extents: Extents,
     /// What the cells are made by.
     rule: SurfaceRule,
     /// Distance of the farthest neighbour that a cell is made from.
@@ -138,6 +139,7 @@ impl Surfels {
             reach: vec![0.0; n],
             repairs: cloud.repairs.clone(),
             sizes: fitted.sizes,
+            extents: fitted.extents,
             surfels: fitted.surfels,
             surfel_of_point: fitted.surfel_of_point,
         };
@@ -183,6 +185,7 @@ impl Surfels {
             rule: SurfaceRule::default(),
             reach: vec![0.0; surfels.len()],
             sizes: Vec::new(),
+            extents: Extents::default(),
             surfels,
             surfel_of_point,
             repairs,
@@ -227,7 +230,10 @@ impl Surfels {
         let corners = self.cells.corners[of];
         // The bitangent is the opposite one, so that corners go round the other way.
         let last = MAX_EDGES - 1;
-        let count = (0..last).position(|k| corners[k] == corners[last]).unwrap_or(last) + 1;
+        let count = (0..last)
+            .position(|k| corners[k] == corners[last])
+            .unwrap_or(last)
+            + 1;
         self.cells.corners[to] = std::array::from_fn(|k| {
             let corner = corners[count - 1 - k.min(count - 1)];
             Vec2::new(corner.x, -corner.y)
@@ -457,7 +463,14 @@ impl Prepared {
 
     /// What was done, in words.
     fn tell(&mut self, how: &str) {
-        let fronts = self.given_areas.len() - self.surfels.backs.iter().filter(|b| **b != NO_SURFEL).count() / 2;
+        let fronts = self.given_areas.len()
+            - self
+                .surfels
+                .backs
+                .iter()
+                .filter(|b| **b != NO_SURFEL)
+                .count()
+                / 2;
         self.repairs.push(format!(
             "no normals: a surface of {fronts} surfels fitted to the points, {how}"
         ));
@@ -468,8 +481,14 @@ impl Prepared {
             ));
         }
         for (count, what) in [
-            (self.quality.unusable, "points with coordinates that are not finite or beyond 1e12: left out, no light"),
-            (self.quality.strays, "points that belong to no surface: lit, but in nobody's way"),
+            (
+                self.quality.unusable,
+                "points with coordinates that are not finite or beyond 1e12: left out, no light",
+            ),
+            (
+                self.quality.strays,
+                "points that belong to no surface: lit, but in nobody's way",
+            ),
         ] {
             if count > 0 {
                 self.repairs.push(format!("{count} {what}"));
@@ -483,9 +502,15 @@ impl Prepared {
         let is_front = |&i: &usize| self.surfels.back(i).is_none_or(|back| i < back);
         let fronts: Vec<u32> = (0..n).filter(is_front).map(|i| i as u32).collect();
         progress.stage("cells", fronts.len() as u64);
-        let positions: Vec<Vec3> = fronts.iter().map(|&i| self.surfels.positions[i as usize]).collect();
+        let positions: Vec<Vec3> = fronts
+            .iter()
+            .map(|&i| self.surfels.positions[i as usize])
+            .collect();
         let neighbours = Neighbours::new(&positions)?;
-        let normals: Vec<Vec3> = fronts.iter().map(|&i| self.surfels.normals[i as usize]).collect();
+        let normals: Vec<Vec3> = fronts
+            .iter()
+            .map(|&i| self.surfels.normals[i as usize])
+            .collect();
         self.rule = SurfaceRule::measure(&normals, &neighbours);
         self.quality.noise = self.rule.noise;
         self.quality.scatter = self.rule.roughness.atan().to_degrees();
@@ -503,7 +528,8 @@ impl Prepared {
                     near.1.clear();
                     near.1.extend(near.0.iter().map(|&(j, offset)| {
                         let other = normals[j as usize].as_dvec3();
-                        let either = both || self.surfels.back(fronts[j as usize] as usize).is_some();
+                        let either =
+                            both || self.surfels.back(fronts[j as usize] as usize).is_some();
                         let flat = offset.dot(normal).abs() < BESIDE * offset.length();
                         let turned = either && flat && other.dot(normal) < 0.0;
                         Neighbour {
@@ -512,11 +538,19 @@ impl Prepared {
                         }
                     }));
                     let size = f64::from(self.sizes[i as usize]);
-                    (i, Cell::new(normal, &near.1, &self.rule, size, size))
+                    let end = |way: DVec3| f64::from(self.extents.reach(i as usize, way.as_vec3()));
+                    (
+                        i,
+                        Cell::new(normal, &near.1, &self.rule, size, size, Some(&end)),
+                    )
                 };
                 run.iter().map(cell).collect::<Vec<_>>()
             };
-            let made: Vec<(u32, Cell)> = block.par_chunks(RUN).map_init(Default::default, of_run).flatten_iter().collect();
+            let made: Vec<(u32, Cell)> = block
+                .par_chunks(RUN)
+                .map_init(Default::default, of_run)
+                .flatten_iter()
+                .collect();
             for (i, cell) in &made {
                 self.set(*i as usize, cell);
             }
@@ -563,7 +597,17 @@ impl Prepared {
                 let k = i as usize;
                 neighbours.find(k, NEIGHBOURS, normals, &mut last, near);
                 let size = f64::from(self.given_areas[k]).max(0.0).sqrt();
-                (i, Cell::new(normals[k].as_dvec3(), near, &self.rule, size, f64::INFINITY))
+                (
+                    i,
+                    Cell::new(
+                        normals[k].as_dvec3(),
+                        near,
+                        &self.rule,
+                        size,
+                        f64::INFINITY,
+                        None,
+                    ),
+                )
             };
             run.iter().map(cell).collect::<Vec<_>>()
         };

@@ -28,6 +28,8 @@ pub struct Header {
     pub fingerprint: [u32; 2],
     pub origin: [[u32; 2]; 3],
     pub occluder_scale: f32,
+    /// 1 if the surfels were fitted to the points.
+    pub fitted: u32,
     pub points: u32,
     pub surfels: u32,
     pub facets: u32,
@@ -60,6 +62,7 @@ impl Header {
             fingerprint: halves(geometry.fingerprint),
             origin: surfels.origin.to_array().map(|x| halves(x.to_bits())),
             occluder_scale: surfels.occluder_scale,
+            fitted: geometry.fitted.into(),
             points: geometry.places.len() as u32,
             surfels: surfels.len() as u32,
             facets: geometry.octree.facets.len() as u32,

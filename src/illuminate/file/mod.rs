@@ -254,6 +254,7 @@ impl Arrays {
             fingerprint: whole(header.fingerprint),
             order: header.order as usize,
             repairs: text.lines().map(str::to_owned).collect(),
+            fitted: header.fitted != 0,
             quality: None,
         };
         Ok((geometry, kept))

@@ -6,11 +6,14 @@
 //! surface are nearer than that (Poisson discs), those of two sheets know nothing of each other, and layers
 //! within the noise are one sheet.
 
-use glam::Vec3;
+use std::f32::consts::TAU;
+
+use glam::{Vec2, Vec3};
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
 
-use super::plane::{AT_LEAST, Around, Weighted};
+use super::curved::Curved;
+use super::plane::{AT_LEAST, Around, Plane, Weighted};
 use super::samples::{Samples, Scale};
 use crate::error::Result;
 use crate::points::neighbours::Neighbours;
@@ -27,12 +30,22 @@ const WHOLE: f32 = 0.65;
 /// Surfels are made smaller for that down to this part of the size wanted.
 const SMALLEST: f32 = 0.25;
 /// Times that a footprint on a line is widened, and by what.
-const WIDENED: usize = 3;
+const WIDENED: usize = 2;
 const WIDER: f32 = 1.6;
 /// A point whose spacing is this many times that of the points on its plane is none of them.
 const ALONE: f32 = 2.0;
+/// So many of those next to it.
+const BESIDE: usize = 8;
+/// Points of a surface lie close about its plane: root mean square of their heights, in what is allowed. It is
+/// 0.4 of normal noise, and 0.58 where points are everywhere.
+const SPREAD: f32 = 0.5;
 /// Maximal Poisson discs of the diameter h: so many in h².
 const DISCS: f64 = 0.7;
+/// Points of a surface lie around in so many of the sectors next to them, as far as so many sizes: not along a
+/// line of mixed pixels before the void.
+const AROUND: u32 = 3;
+const SECTORS: f32 = 8.0;
+const NEXT: std::ops::Range<f32> = 0.15..1.5;
 /// Parts of the points that are fitted at the same time: few enough to be far apart.
 const BATCHES: usize = 64;
 
@@ -48,6 +61,8 @@ pub(super) struct Patch {
     pub size: f32,
     /// Deviation of points from the plane.
     pub noise: f32,
+    /// Distance of the points around.
+    pub spacing: f32,
 }
 
 impl Patch {
@@ -61,6 +76,29 @@ impl Patch {
         };
         let height = self.normal.dot(way);
         height.abs() / around.off(way - height * self.normal)
+    }
+}
+
+/// The surface around a point: its tangent plane, or where that holds for too few points a paraboloid.
+enum Model {
+    Flat(Plane),
+    Curved(Curved),
+}
+
+impl Model {
+    fn tangent(&self) -> Plane {
+        match self {
+            Model::Flat(plane) => *plane,
+            Model::Curved(curved) => curved.tangent(),
+        }
+    }
+
+    /// How far a place is off, in what is allowed.
+    fn off(&self, around: &Around, place: Vec3) -> f32 {
+        match self {
+            Model::Flat(plane) => plane.height(place).abs() / around.off(place),
+            Model::Curved(curved) => curved.off(around, place),
+        }
     }
 }
 
@@ -146,46 +184,84 @@ fn patch_at(
             radius: FOOTPRINT * size,
             noise,
         };
-        let plane = around.plane(&mut random);
-        let on: Vec<usize> = plane.iter().flat_map(|plane| {
-            (0..places.len()).filter(|&k| around.is_on(plane, places[k]))
-        }).collect();
-        let wide = Weighted::of(on.iter().map(|&k| (places[k], 1.0)))
-            .plane()
-            .is_some_and(|p| p.is_wide());
-        let Some(plane) = plane.filter(|_| on.len() > AT_LEAST && wide) else {
+        let inside = near.iter().filter(|n| n.1 <= size * size).count() as f32;
+        let is_whole = |model: &Model| {
+            let on = places.iter().zip(&near).filter(|(_, n)| n.1 <= size * size);
+            let on = on.filter(|(p, _)| model.off(&around, **p) <= 1.0).count();
+            on as f32 >= WHOLE * inside && model.off(&around, Vec3::ZERO) <= 1.0
+        };
+        let flat = around.plane(&mut random).map(Model::Flat)?;
+        let model = match is_whole(&flat) {
+            true => flat,
+            false => {
+                let curved = Curved::fit(&around, &flat.tangent()).map(Model::Curved);
+                match curved.filter(is_whole) {
+                    Some(curved) => curved,
+                    None if widened == 0 && size > least => {
+                        size = least.max(0.5 * size);
+                        continue;
+                    }
+                    None => flat,
+                }
+            }
+        };
+        if model.off(&around, Vec3::ZERO) > 1.0 {
+            return None;
+        }
+        let offs: Vec<f32> = places.iter().map(|&p| model.off(&around, p)).collect();
+        let on: Vec<usize> = (0..places.len()).filter(|&k| offs[k] <= 1.0).collect();
+        if on.len() <= AT_LEAST {
+            return None;
+        }
+        let plane = model.tangent();
+        let on_it = || on.iter().map(|&k| places[k]);
+        let wide = Weighted::of(on_it().map(|p| (p, 1.0))).plane();
+        if !wide.is_some_and(|p| p.is_wide()) || !is_around(&plane, on_it(), size) {
             if widened == WIDENED {
                 return None;
             }
             widened += 1;
             size *= WIDER;
             continue;
-        };
-        let within = |k: &usize| near[*k].1 <= size * size;
-        let whole = near.iter().filter(|n| n.1 <= size * size).count();
-        let share = on.iter().copied().filter(|k| within(k)).count() as f32 / whole as f32;
-        let own = around.is_on(&plane, Vec3::ZERO);
-        if (share < WHOLE || !own) && widened == 0 && size > least {
-            size = least.max(0.5 * size);
-            continue;
         }
-        let mut others: Vec<f32> = (on.iter())
+        let squares = on.iter().map(|&k| offs[k] * offs[k]).sum::<f32>();
+        let spread = (squares / on.len() as f32).sqrt();
+        // The point itself is the first one.
+        let mut others: Vec<f32> = (on.iter().skip(1).take(BESIDE))
             .map(|&k| scale.spacing[near[k].0 as usize])
             .collect();
         let half = others.len() / 2;
         let usual = *others.select_nth_unstable_by(half, f32::total_cmp).1;
-        if !own || scale.spacing[i] > ALONE * usual {
+        if spread > SPREAD || scale.spacing[i] > ALONE * usual {
             return None;
         }
         let position = place - plane.height(Vec3::ZERO) * plane.normal;
-        let on_it = on.into_iter().filter(within).map(|k| near[k].0).collect();
+        let covered = (near.iter().zip(&places))
+            .filter(|(n, p)| n.1 <= size * size && around.is_on(&plane, **p))
+            .map(|(n, _)| n.0)
+            .collect();
         let patch = Patch {
             sample: i as u32,
             position,
             normal: plane.normal,
             size,
             noise,
+            spacing: scale.spacing[i],
         };
-        return Some((patch, on_it));
+        return Some((patch, covered));
     }
+}
+
+/// Whether places on a plane lie around the origin, not along a line.
+fn is_around(plane: &Plane, places: impl Iterator<Item = Vec3>, size: f32) -> bool {
+    let (tangent, bitangent) = plane.normal.any_orthonormal_pair();
+    let next = NEXT.start * size..NEXT.end * size;
+    let sectors = places
+        .map(|p| Vec2::new(p.dot(tangent), p.dot(bitangent)))
+        .filter(|p| next.contains(&p.length()))
+        .fold(0_u32, |sectors, p| {
+            let sector = (p.to_angle() / TAU + 0.5) * SECTORS;
+            sectors | 1 << (sector as u32 % SECTORS as u32)
+        });
+    sectors.count_ones() >= AROUND
 }

@@ -6,6 +6,7 @@
 //! 4. [`sides`]: which side of each surfel is lit; both, where nothing says which.
 
 mod cover;
+mod curved;
 mod owners;
 mod plane;
 mod samples;
@@ -20,6 +21,7 @@ use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::visibility::NO_SURFEL;
 use cover::Patch;
+pub(super) use owners::Extents;
 use owners::Owners;
 use samples::{Samples, Scale};
 use sides::Known;
@@ -38,6 +40,8 @@ pub(super) struct Fitted {
     pub surfels: Surfels,
     /// Of each surfel: no other one of its surface is nearer.
     pub sizes: Vec<f32>,
+    /// How far their points reach, of all but second sides.
+    pub extents: Extents,
     /// For each point of the cloud the surfel whose light it gets, if it has a place.
     pub surfel_of_point: Vec<Option<u32>>,
     /// Points that are on no surface.
@@ -65,7 +69,9 @@ pub(super) fn fit(
     let samples = Samples::of(cloud, progress)?;
     let neighbours = Neighbours::new(&samples.positions)?;
     let scale = Scale::of(&samples, &neighbours, progress)?;
-    let size = size.map_or(0.0, |size| size as f32).max(cover::size_for(&scale, most));
+    let size = size
+        .map_or(0.0, |size| size as f32)
+        .max(cover::size_for(&scale, most));
     let mut patches = cover::cover(&samples, &scale, &neighbours, size, progress)?;
     drop(neighbours);
     if patches.is_empty() {
@@ -74,23 +80,45 @@ pub(super) fn fit(
             samples.len()
         )));
     }
-    let owners = Owners::of(&samples, &mut patches, progress)?;
+    let mut owners = Owners::of(&samples, &mut patches, progress)?;
     let (told, told_by) = told(cloud, evidence, &samples, &patches, &owners);
-    let lamps: Vec<Vec3> = evidence.lamps.iter().map(|l| (*l - samples.origin).as_vec3()).collect();
+    let lamps: Vec<Vec3> = evidence
+        .lamps
+        .iter()
+        .map(|l| (*l - samples.origin).as_vec3())
+        .collect();
     let known = Known {
         told: &told,
         told_by,
+        points: &owners.counts(),
         facing: &evidence.facing,
         lamps: &lamps,
     };
-    let found = sides::sides(&patches, &known, progress)?;
+    let mut found = sides::sides(&patches, &known, progress)?;
     for (patch, flipped) in patches.iter_mut().zip(&found.flipped) {
-        patch.normal = if *flipped { -patch.normal } else { patch.normal };
+        patch.normal = if *flipped {
+            -patch.normal
+        } else {
+            patch.normal
+        };
+    }
+    if !found.hanging.iter().all(|hanging| *hanging) {
+        let mut hanging = found.hanging.iter();
+        patches.retain(|_| !hanging.next().is_some_and(|hanging| *hanging));
+        let mut hanging = found.hanging.iter();
+        found
+            .unsure
+            .retain(|_| !hanging.next().is_some_and(|hanging| *hanging));
+        owners = Owners::of(&samples, &mut patches, progress)?;
     }
     let area = |p: &Patch| f64::from(p.size).powi(2);
-    let both = patches.iter().zip(&found.unsure).filter(|(_, unsure)| **unsure);
+    let both = patches
+        .iter()
+        .zip(&found.unsure)
+        .filter(|(_, unsure)| **unsure);
     let unsure = both.map(|(p, _)| area(p)).sum::<f64>() / patches.iter().map(area).sum::<f64>();
     let mut fitted = Fitted {
+        extents: owners.extents(&samples, &patches),
         strays: owners.strays(),
         unplaced: cloud.len() - samples.len(),
         surfel_of_point: owners.of_points(cloud.len(), &samples),
@@ -110,7 +138,10 @@ fn surfels(cloud: &PointCloud, samples: &Samples, patches: &[Patch], owners: &Ow
         positions: patches.iter().map(|p| p.position).collect(),
         normals: patches.iter().map(|p| p.normal).collect(),
         areas: vec![0.0; patches.len()],
-        points: patches.iter().map(|p| samples.points[p.sample as usize]).collect(),
+        points: patches
+            .iter()
+            .map(|p| samples.points[p.sample as usize])
+            .collect(),
         reflectance,
         emission,
         ..Surfels::default()
@@ -147,7 +178,12 @@ fn told(
         (_, true, Facing::Viewpoint(_)) => "turned to the viewpoint",
         _ => "turned to the scanner",
     };
-    (sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect(), by)
+    (
+        sums.into_iter()
+            .map(|(sum, count)| sum / count.max(1.0))
+            .collect(),
+        by,
+    )
 }
 
 impl Fitted {

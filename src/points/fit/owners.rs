@@ -17,6 +17,9 @@ const FAR: f32 = 1.5;
 /// Or farther beside its plane than this many times what its surface allows.
 const BESIDE: f32 = 1.5;
 
+/// What a surface allows, in deviations of its points.
+const DEVIATIONS: f32 = 2.5;
+
 /// For each sample its surfel, and whether it lies on it or only gets its light.
 pub(super) struct Owners {
     owners: Vec<(u32, bool)>,
@@ -28,19 +31,17 @@ impl Owners {
     ///
     /// # Errors
     /// [`Error::Interrupted`](crate::Error::Interrupted) if `progress` asks to stop.
-    pub fn of(
-        samples: &Samples,
-        patches: &mut [Patch],
-        progress: &dyn Progress,
-    ) -> Result<Owners> {
+    pub fn of(samples: &Samples, patches: &mut [Patch], progress: &dyn Progress) -> Result<Owners> {
         let places: Vec<Vec3> = patches.iter().map(|p| p.position).collect();
         let tree = Neighbours::new(&places)?;
         let owner = |&place: &Vec3| {
             let near = tree.around(place, NEAR);
             let own = near.iter().filter_map(|&k| {
                 let patch = &patches[k as usize];
-                let (far, beside) = (place.distance(patch.position) / patch.size, patch.beside(place));
-                (far < FAR && beside < BESIDE).then_some((k, far * far + beside * beside))
+                let far = place.distance(patch.position) / patch.size;
+                let beside = patch.beside(place);
+                (far < FAR && beside < BESIDE)
+                    .then_some((k, far * far + (DEVIATIONS * beside).powi(2)))
             });
             match own.min_by(|a, b| a.1.total_cmp(&b.1)) {
                 Some((k, _)) => (k, true),
@@ -48,7 +49,9 @@ impl Owners {
             }
         };
         let mut owners: Vec<(u32, bool)> = samples.positions.par_iter().map(owner).collect();
-        (0..).zip(&*patches).for_each(|(k, patch)| owners[patch.sample as usize] = (k, true));
+        (0..)
+            .zip(&*patches)
+            .for_each(|(k, patch)| owners[patch.sample as usize] = (k, true));
         drop(tree);
         progress.check()?;
         let owners = Owners {
@@ -80,9 +83,39 @@ impl Owners {
         on.map(|(k, owner)| (k, owner.0))
     }
 
+    /// Where the points of each surfel lie.
+    pub fn extents(&self, samples: &Samples, patches: &[Patch]) -> Extents {
+        let mut begins = vec![0; patches.len() + 1];
+        self.iter()
+            .for_each(|(_, owner)| begins[owner as usize + 1] += 1);
+        for k in 0..patches.len() {
+            begins[k + 1] += begins[k];
+        }
+        let mut next = begins.clone();
+        let mut offsets = vec![Vec3::ZERO; begins[patches.len()] as usize];
+        for (k, owner) in self.iter() {
+            let owner = owner as usize;
+            offsets[next[owner] as usize] = samples.positions[k] - patches[owner].position;
+            next[owner] += 1;
+        }
+        Extents {
+            begins,
+            offsets,
+            spacings: patches.iter().map(|p| p.spacing).collect(),
+        }
+    }
+
     /// How many points are on no surface.
     pub fn strays(&self) -> usize {
         self.owners.iter().filter(|owner| !owner.1).count()
+    }
+
+    /// How many points each surfel has.
+    pub fn counts(&self) -> Vec<u32> {
+        let mut counts = vec![0; self.count];
+        self.iter()
+            .for_each(|(_, owner)| counts[owner as usize] += 1);
+        counts
     }
 
     /// For each point of the cloud its surfel, if the point has a place.
@@ -104,8 +137,29 @@ impl Owners {
             *emission += cloud.emission[point];
             *count += 1.0;
         }
-        let means = sums.into_iter().map(|(r, e, n)| (r / n.max(1.0), e / n.max(1.0)));
+        let means = sums
+            .into_iter()
+            .map(|(r, e, n)| (r / n.max(1.0), e / n.max(1.0)));
         means.unzip()
+    }
+}
+
+/// How far the points of surfels reach.
+#[derive(Default)]
+pub(in crate::points) struct Extents {
+    /// First point of each surfel, and the number of all.
+    begins: Vec<u32>,
+    /// From the surfel to its points.
+    offsets: Vec<Vec3>,
+    spacings: Vec<f32>,
+}
+
+impl Extents {
+    /// How far the surface of a surfel goes in a direction: half a spacing beyond its last point.
+    pub fn reach(&self, i: usize, direction: Vec3) -> f32 {
+        let [begin, end] = [i, i + 1].map(|k| self.begins[k] as usize);
+        let along = self.offsets[begin..end].iter().map(|o| o.dot(direction));
+        along.fold(0.0, f32::max) + 0.5 * self.spacings[i]
     }
 }
 

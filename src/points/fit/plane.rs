@@ -14,7 +14,7 @@ const JUDGES: usize = 96;
 /// Rounds of fitting and weighing.
 const ROUNDS: usize = 4;
 /// Points this many deviations off a plane are no part of it.
-const OFF: f32 = 2.5;
+pub(super) const OFF: f32 = 2.5;
 /// A surface bends away from its tangent plane by up to this part of r² / R within the radius R: one
 /// whose radius of curvature is 2.5 R or more is met whole, a rounder one near the point.
 const BENT: f32 = 0.2;
@@ -34,8 +34,6 @@ pub(super) struct Weighted {
 pub(super) struct Plane {
     pub normal: Vec3,
     pub centre: Vec3,
-    /// Root mean square of the heights.
-    pub rms: f32,
     /// Variances along the plane, the smaller one first.
     pub along: [f32; 2],
 }
@@ -47,7 +45,14 @@ impl Weighted {
             let (p, w) = (place.as_dvec3(), f64::from(weight));
             sums.weight += w;
             sums.sum += w * p;
-            let terms = [p.x * p.x, p.y * p.y, p.z * p.z, p.x * p.y, p.x * p.z, p.y * p.z];
+            let terms = [
+                p.x * p.x,
+                p.y * p.y,
+                p.z * p.z,
+                p.x * p.y,
+                p.x * p.z,
+                p.y * p.z,
+            ];
             (sums.squares.iter_mut().zip(terms)).for_each(|(s, t)| *s += w * t);
         }
         sums
@@ -59,13 +64,19 @@ impl Weighted {
             return None;
         }
         let c = self.sum / self.weight;
-        let of_mean = [c.x * c.x, c.y * c.y, c.z * c.z, c.x * c.y, c.x * c.z, c.y * c.z];
+        let of_mean = [
+            c.x * c.x,
+            c.y * c.y,
+            c.z * c.z,
+            c.x * c.y,
+            c.x * c.z,
+            c.y * c.z,
+        ];
         let m = std::array::from_fn(|k| self.squares[k] / self.weight - of_mean[k]);
-        let (normal, [least, middle, largest]) = least_axis(m);
+        let (normal, [_, middle, largest]) = least_axis(m);
         Some(Plane {
             normal: normal.as_vec3(),
             centre: c.as_vec3(),
-            rms: least.sqrt() as f32,
             along: [middle, largest].map(|v| v as f32),
         })
     }
@@ -125,7 +136,6 @@ impl Around<'_> {
         let through = |normal: Vec3| Plane {
             normal,
             centre: Vec3::ZERO,
-            rms: 0.0,
             along: [0.0; 2],
         };
         let even = |count: usize| {

@@ -7,12 +7,12 @@ use glam::{DVec3, Vec3};
 use rand::RngExt;
 use rayon::prelude::*;
 
-use super::plane::Weighted;
+use super::curved::deviation;
 use crate::error::{Error, Result};
 use crate::octree::morton_codes;
+use crate::points::PointCloud;
 use crate::points::neighbours::{Last, Neighbours, runs};
 use crate::points::select::middle;
-use crate::points::PointCloud;
 use crate::progress::Progress;
 use crate::random::{Purpose, stream};
 use crate::scene::LARGEST;
@@ -22,9 +22,9 @@ const AROUND: usize = 12;
 /// Places that the noise is measured at, and those of them that are asked at a point.
 const PROBES: usize = 4000;
 const ASKED: usize = 9;
-/// Neighbours that a plane is laid through for that: the fewest that lie on one.
+/// Neighbours that a paraboloid is laid through for that: the fewest that lie on one.
 const SCALES: [usize; 4] = [16, 32, 64, 128];
-/// Points lie on a plane if they are off it by less than this part of its radius, in the mean.
+/// Points lie on a paraboloid if they are off it by less than this part of its radius, in the mean.
 const FLAT: f32 = 0.1;
 /// Noise below this part of the spacing is taken for this: planes stand for curved surfaces.
 const LEAST_NOISE: f32 = 0.01;
@@ -83,7 +83,11 @@ impl Scale {
     ///
     /// # Errors
     /// [`Error::Interrupted`] if `progress` asks to stop.
-    pub fn of(samples: &Samples, neighbours: &Neighbours, progress: &dyn Progress) -> Result<Scale> {
+    pub fn of(
+        samples: &Samples,
+        neighbours: &Neighbours,
+        progress: &dyn Progress,
+    ) -> Result<Scale> {
         let (n, positions) = (samples.len(), &samples.positions);
         let spacing = |run: std::ops::Range<usize>| {
             let (mut last, mut near) = (Last::default(), Vec::new());
@@ -119,7 +123,10 @@ impl Scale {
                 .map(|&k| probes[k as usize].1)
                 .collect();
             let half = around.len() / 2;
-            around.select_nth_unstable_by(half, f32::total_cmp).1.max(least)
+            around
+                .select_nth_unstable_by(half, f32::total_cmp)
+                .1
+                .max(least)
         };
         let noise = (0..n).into_par_iter().map(noise).collect();
         progress.check()?;
@@ -127,14 +134,16 @@ impl Scale {
     }
 }
 
-/// Root mean square of the heights above the plane of the fewest neighbours that lie on one.
+/// Deviation of the points from the paraboloid of the fewest neighbours that lie on one.
 fn noise_at(i: usize, neighbours: &Neighbours) -> Option<f32> {
     let mut near = Vec::new();
     neighbours.nearest(i, SCALES[SCALES.len() - 1], &mut near);
     let places: Vec<Vec3> = near.iter().map(|n| n.1.as_vec3()).collect();
-    SCALES.iter().take_while(|&&k| k <= places.len()).find_map(|&k| {
-        let plane = Weighted::of(places[..k].iter().map(|&p| (p, 1.0))).plane()?;
-        let radius = places[k - 1].length();
-        (plane.rms < FLAT * radius && plane.is_wide()).then_some(plane.rms)
-    })
+    SCALES
+        .iter()
+        .take_while(|&&k| k <= places.len())
+        .find_map(|&k| {
+            let rms = deviation(&places[..k])?;
+            (rms < FLAT * places[k - 1].length()).then_some(rms)
+        })
 }

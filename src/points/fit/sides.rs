@@ -47,6 +47,9 @@ const LAMPS: usize = 16;
 const TOLD: f64 = 4.0;
 /// A side is sure if the votes for it outweigh those against it by this part of all.
 const SURE: f64 = 0.3;
+/// A piece of fewer points than this, both sides of which look into the same space, is none: mixed pixels along an
+/// edge.
+const FEW: u32 = 32;
 /// Of a closed surface fewer rays than this leave the inside.
 const CLOSED: f64 = 0.08;
 /// Shares that differ by less do not tell the sides apart.
@@ -62,6 +65,8 @@ pub(super) struct Sides {
     pub flipped: Vec<bool>,
     /// Whether nothing says which side is the lit one.
     pub unsure: Vec<bool>,
+    /// Whether a patch is one of few points that hang in free space: no surface.
+    pub hanging: Vec<bool>,
     /// What the sides as a whole were decided by.
     pub how: &'static str,
 }
@@ -70,6 +75,8 @@ pub(super) struct Sides {
 pub(super) struct Known<'a> {
     /// Of each patch: from 1, its normal points to the lit side, to -1, it does not; 0 if nothing is told.
     pub told: &'a [f32],
+    /// Points of each patch.
+    pub points: &'a [u32],
     pub told_by: &'static str,
     pub facing: &'a Facing,
     /// Relative to the origin of the patches.
@@ -93,7 +100,12 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
         told[piece as usize] += TOLD * if flip { -told_here } else { told_here };
     }
     let told = told.iter().zip(&views.lit).map(|(told, lit)| told + lit);
-    votes.extend((0..).zip(told).filter(|t| t.1 != 0.0).map(|(p, t)| (p, truth, t)));
+    votes.extend(
+        (0..)
+            .zip(told)
+            .filter(|t| t.1 != 0.0)
+            .map(|(p, t)| (p, truth, t)),
+    );
     let mut votes = summed(votes);
     votes.retain(|v| v.0 != v.1);
     let mut signs = decided(pieces.count + 2, &votes);
@@ -102,26 +114,34 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
     if turned {
         signs.iter_mut().for_each(|s| *s = -*s);
     }
-    // What the votes on a piece say for its sign, of all that they say.
-    let mut sums = views.own.clone();
+    // What the votes on a piece say for its sign, of all that they say: those of its views, and all.
+    let mut sums = views.own.iter().map(|&own| [own; 2]).collect::<Vec<_>>();
     for &(p, q, vote) in &votes {
         let agree = vote * signs[p as usize] * signs[q as usize];
-        for k in [p, q] {
-            if k < around {
-                let (sum, whole) = &mut sums[k as usize];
+        for k in [p, q].into_iter().filter(|&k| k < around) {
+            let of = if q == truth { 1..2 } else { 0..2 };
+            for (sum, whole) in &mut sums[k as usize][of] {
                 *sum += agree;
                 *whole += vote.abs();
             }
         }
     }
-    let flipped = pieces.of.iter().map(|&(p, flip)| flip != (signs[p as usize] < 0.0));
-    let unsure = pieces.of.iter().map(|&(p, _)| {
-        let (agree, whole) = sums[p as usize];
-        agree < SURE * whole
-    });
+    let torn = |(sum, whole): (f64, f64)| sum < SURE * whole;
+    let mut points = vec![0; pieces.count];
+    for (&(p, _), count) in pieces.of.iter().zip(known.points) {
+        points[p as usize] += count;
+    }
+    let flipped = pieces
+        .of
+        .iter()
+        .map(|&(p, flip)| flip != (signs[p as usize] < 0.0));
+    let unsure = pieces.of.iter().map(|&(p, _)| torn(sums[p as usize][1]));
+    let hanging =
+        (pieces.of.iter()).map(|&(p, _)| torn(sums[p as usize][0]) && points[p as usize] < FEW);
     Ok(Sides {
         flipped: flipped.collect(),
         unsure: unsure.collect(),
+        hanging: hanging.collect(),
         how,
     })
 }
@@ -152,7 +172,8 @@ fn pieces(patches: &[Patch]) -> Result<(Pieces, Vec<Vote>)> {
                 let (other, way) = (patches[j as usize], way.as_vec3());
                 let reach = 0.5 * APART * (own.size + other.size);
                 let agree = agreement(&own, &other, way);
-                let flat = way.dot(own.normal).abs().max(way.dot(other.normal).abs()) < 0.3 * way.length();
+                let flat =
+                    way.dot(own.normal).abs().max(way.dot(other.normal).abs()) < 0.3 * way.length();
                 let smooth = own.normal.dot(other.normal).abs() > ONE_PIECE && flat;
                 (way.length() < reach).then_some((i as u32, j, agree, smooth))
             })
@@ -231,7 +252,11 @@ impl Views {
                 let patch = &patches[i];
                 let mut random = stream(0, Purpose::Sides, u64::from(patch.sample));
                 // On the side of the piece's normals first.
-                let normal = if pieces.of[i].1 { -patch.normal } else { patch.normal };
+                let normal = if pieces.of[i].1 {
+                    -patch.normal
+                } else {
+                    patch.normal
+                };
                 let tangent = surfels.cells.tangents[i];
                 for (side, sign) in [1.0_f32, -1.0].into_iter().enumerate() {
                     let from = patch.position + sign * ABOVE * patch.size * normal;
@@ -242,7 +267,12 @@ impl Views {
                         skip_to: NO_SURFEL,
                     };
                     for _ in 0..RAYS {
-                        let way = cosine_direction(sign * normal, tangent, random.random(), random.random());
+                        let way = cosine_direction(
+                            sign * normal,
+                            tangent,
+                            random.random(),
+                            random.random(),
+                        );
                         let hit = first_hit::<f32>(&occluders, &segment(from + reach * way));
                         let vote = f64::from(sign) * weight / RAYS as f64;
                         let Some(hit) = hit else {
@@ -296,7 +326,10 @@ fn discs(patches: &[Patch]) -> Surfels {
         normals: patches.iter().map(|p| p.normal).collect(),
         areas: patches.iter().map(|p| p.size * p.size).collect(),
         cells: Cells {
-            tangents: patches.iter().map(|p| p.normal.any_orthonormal_vector()).collect(),
+            tangents: patches
+                .iter()
+                .map(|p| p.normal.any_orthonormal_vector())
+                .collect(),
             corners: patches.iter().map(corners).collect(),
         },
         offsets: vec![0.0; n],
@@ -357,7 +390,11 @@ fn whole(
         most += area(patch) * way.length();
         up += normal.z;
         let of_piece = views.leave[p as usize];
-        let of_sides = if signs[p as usize] < 0.0 { [of_piece[1], of_piece[0]] } else { of_piece };
+        let of_sides = if signs[p as usize] < 0.0 {
+            [of_piece[1], of_piece[0]]
+        } else {
+            of_piece
+        };
         (leave.iter_mut().zip(of_sides)).for_each(|(l, share)| *l += area(patch) / all * share);
     }
     let sided = flow.abs() > SIDED * most;
@@ -375,10 +412,16 @@ fn whole(
     }
     let [front, back] = leave;
     if (front - back).abs() < ALIKE && up.abs() > GROUND * all {
-        return (up < 0.0, "turned up (--normals viewpoint:X,Y,Z tells where it was seen from)");
+        return (
+            up < 0.0,
+            "turned up (--normals viewpoint:X,Y,Z tells where it was seen from)",
+        );
     }
     match front.min(back) < CLOSED {
-        true => (front < back, "turned outward as on a closed body (--normals inward turns them)"),
+        true => (
+            front < back,
+            "turned outward as on a closed body (--normals inward turns them)",
+        ),
         false => (
             front > back,
             "turned to the hollow side (--normals viewpoint:X,Y,Z tells where it was seen from)",
