@@ -43,9 +43,16 @@ pub(crate) struct Lit<'a> {
     /// Irradiance of the surfels: what lies between them is their mean.
     pub irradiance: &'a [DVec3],
     /// Lamps whose light is not in it: it is found at each point by itself.
-    pub lamps: &'a [PointLight],
+    pub lamps: Vec<Lamp<'a>>,
     /// What stands in their way.
     pub occluders: Option<&'a Occluders>,
+}
+
+/// A lamp, and which surfels see it.
+pub(crate) struct Lamp<'a> {
+    pub light: &'a PointLight,
+    /// `None` of those that face away.
+    pub seen_from: Vec<Option<bool>>,
 }
 
 impl IlluminationMap {
@@ -85,16 +92,20 @@ impl IlluminationMap {
             // Of two sides the one with more light.
             let on_side = |k: usize| {
                 let normal = given.unwrap_or(surfels.normals[k]);
-                let own = (lit.irradiance[k], normal);
-                let between = match &tree {
-                    Some(tree) if left_out(&i) => {
-                        between(surfels, lit.irradiance, tree, place, normal)
-                    }
-                    _ => None,
+                let mut around = match &tree {
+                    Some(tree) if left_out(&i) => around(surfels, tree, place, normal),
+                    _ => Vec::new(),
                 };
-                let (light, bent) = between.unwrap_or(own);
-                let normal = given.unwrap_or(bent);
-                (light + lit.from_lamps(k, place, normal), normal)
+                if around.is_empty() {
+                    around.push((k, 1.0));
+                }
+                let sum = |(sum, normals), &(k, weight): &(usize, f32)| {
+                    let light = f64::from(weight) * lit.irradiance[k];
+                    (sum + light, normals + weight * surfels.normals[k])
+                };
+                let (light, bent) = around.iter().fold((DVec3::ZERO, Vec3::ZERO), sum);
+                let normal = given.unwrap_or(bent.normalize_or(normal));
+                (light + lit.from_lamps(k, place, normal, &around), normal)
             };
             let radius = match surfels.stands_for(k, cloud.positions[i]) {
                 true => (surfels.areas[k] / PI).sqrt(),
@@ -128,60 +139,66 @@ impl IlluminationMap {
 }
 
 impl Lit<'_> {
-    /// Irradiance from the lamps at a place on the surface of a surfel.
-    fn from_lamps(&self, k: usize, place: Vec3, normal: Vec3) -> DVec3 {
+    /// Irradiance from the lamps at a place on the surface of a surfel. Whether a lamp is seen is as the surfels
+    /// around say; where they disagree, it is tested.
+    fn from_lamps(&self, k: usize, place: Vec3, normal: Vec3, around: &[(usize, f32)]) -> DVec3 {
         let surfels = self.surfels;
         let own = surfels.normals[k];
         // Points scatter about their surface, which is no bump that casts a shadow.
         let beside = own.dot(place - surfels.positions[k]) - surfels.offsets[k];
         let from = place - beside * own;
-        let of_lamp = |lamp: &PointLight| {
-            let to = (lamp.position - surfels.origin).as_vec3();
+        let of_lamp = |lamp: &Lamp| {
+            let to = (lamp.light.position - surfels.origin).as_vec3();
             let form = form(to - place, normal, surfels.areas[k])?;
-            let segment = Segment {
-                from: from.to_array(),
-                skip_from: k as u32,
-                to: to.to_array(),
-                skip_to: surfels.back(k).map_or(NO_SURFEL, |back| back as u32),
+            let said = || around.iter().filter_map(|&(k, _)| lamp.seen_from[k]);
+            let seen = match (said().any(|seen| seen), said().all(|seen| seen)) {
+                (true, true) => true,
+                (false, false) => false,
+                _ => {
+                    let segment = Segment {
+                        from: from.to_array(),
+                        skip_from: k as u32,
+                        to: to.to_array(),
+                        skip_to: surfels.back(k).map_or(NO_SURFEL, |back| back as u32),
+                    };
+                    !self.occluders.is_some_and(|o| blocked::<f32>(o, &segment))
+                }
             };
-            let blocked = self.occluders.is_some_and(|o| blocked::<f32>(o, &segment));
-            (!blocked).then(|| lamp.intensity.as_dvec3() * f64::from(form))
+            seen.then(|| lamp.light.intensity.as_dvec3() * f64::from(form))
         };
         self.lamps.iter().filter_map(of_lamp).sum()
     }
 }
 
-/// Light and normal at a place between surfels: means with weights ((R - r) / R r)², which at a surfel are its
-/// own (R. Franke and G. Nielson, "Smooth interpolation of large sets of scattered data", 1980), of those on
-/// one surface with the place. `None` where none is.
-fn between(
-    surfels: &Surfels,
-    irradiance: &[DVec3],
-    tree: &Neighbours,
-    place: Vec3,
-    normal: Vec3,
-) -> Option<(DVec3, Vec3)> {
+/// Surfels on one surface with a place, and what they count there: weights ((R - r) / R r)², so that at a surfel
+/// it alone counts (R. Franke and G. Nielson, "Smooth interpolation of large sets of scattered data",
+/// 1980). Empty if there are none.
+fn around(surfels: &Surfels, tree: &Neighbours, place: Vec3, normal: Vec3) -> Vec<(usize, f32)> {
     let near = tree.around(place, AROUND);
     let distance = |&k: &u32| surfels.positions[k as usize].distance(place);
-    let reach = distance(near.last()?);
-    let (mut sum, mut normals, mut whole) = (DVec3::ZERO, Vec3::ZERO, 0.0);
+    let reach = near.last().map_or(0.0, distance);
+    let mut weights = Vec::with_capacity(near.len());
+    let mut whole = 0.0;
     for k in near.iter().map(|&k| k as usize) {
         let way = surfels.positions[k] - place;
         let far = way.length();
-        if far == 0.0 && surfels.normals[k].dot(normal) > 0.0 {
-            return Some((irradiance[k], surfels.normals[k]));
+        let same_side = surfels.normals[k].dot(normal) > 0.0;
+        if far == 0.0 && same_side {
+            return vec![(k, 1.0)];
         }
         let bent = surfels.normals[k].distance_squared(normal) / (BENT * BENT);
         let aside = (surfels.normals[k].dot(way) / (ASIDE * reach)).powi(2);
         let near = (reach - far) / (reach * far * (1.0 + bent) * (1.0 + aside));
-        if near > 0.0 && surfels.normals[k].dot(normal) > 0.0 {
-            let weight = f64::from(near * near);
-            sum += weight * irradiance[k];
-            normals += near * near * surfels.normals[k];
-            whole += weight;
+        if near > 0.0 && same_side {
+            weights.push((k, near * near));
+            whole += near * near;
         }
     }
-    (whole > 0.0 && whole.is_finite()).then(|| (sum / whole, normals.normalize_or(normal)))
+    if !(whole > 0.0 && whole.is_finite()) {
+        return Vec::new();
+    }
+    weights.iter_mut().for_each(|w| w.1 /= whole);
+    weights
 }
 
 impl IlluminationMap {

@@ -9,7 +9,7 @@ use super::options::{Occlusion, Options};
 use super::stats::Seconds;
 use crate::error::{Error, Result};
 use crate::lights;
-use crate::map::{IlluminationMap, Lit};
+use crate::map::{IlluminationMap, Lamp, Lit};
 use crate::octree::Octree;
 use crate::plan::{ORDER, Plan, thinning};
 use crate::points::{self, Evidence, PointCloud, Prepared, Quality, Surfels};
@@ -159,7 +159,7 @@ impl Geometry {
         let mut lit = Lit {
             surfels,
             irradiance,
-            lamps: &[],
+            lamps: Vec::new(),
             occluders,
         };
         let mut rest = Vec::new();
@@ -168,15 +168,20 @@ impl Geometry {
                 Some(occluders) => Box::new(CpuVisibility::<f32>::new(occluders)),
                 None => Box::new(NothingInTheWay),
             };
-            let lamps = lights::point_lights(surfels, &scene.lights, &*visibility, progress)?;
-            rest.extend(
-                irradiance
-                    .iter()
-                    .zip(lamps.irradiance)
-                    .map(|(all, lamps)| *all - lamps),
-            );
+            rest.extend(irradiance);
+            for light in &scene.lights {
+                let one = std::slice::from_ref(light);
+                let lit_by = lights::point_lights(surfels, one, &*visibility, progress)?.irradiance;
+                let place = (light.position - surfels.origin).as_vec3();
+                let faces = |i: usize| (place - surfels.positions[i]).dot(surfels.normals[i]) > 0.0;
+                let seen = |(i, h): (usize, &DVec3)| faces(i).then_some(*h != DVec3::ZERO);
+                lit.lamps.push(Lamp {
+                    light,
+                    seen_from: lit_by.iter().enumerate().map(seen).collect(),
+                });
+                rest.iter_mut().zip(lit_by).for_each(|(rest, h)| *rest -= h);
+            }
             lit.irradiance = &rest;
-            lit.lamps = &scene.lights;
         }
         IlluminationMap::new(&scene.cloud, &self.places, &lit, progress)
     }

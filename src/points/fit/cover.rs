@@ -52,20 +52,29 @@ const BATCHES: usize = 64;
 /// A surfel to be.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch {
-    /// The sample that it was fitted at.
+    /// The sample that stands for it.
     pub sample: u32,
     pub position: Vec3,
     /// Of either sign.
     pub normal: Vec3,
     /// No surfel of the same surface is nearer than this.
     pub size: f32,
-    /// Deviation of points from the plane.
+    /// Deviation of points from their surface.
     pub noise: f32,
+    /// Deviation of those within its size from its plane.
+    pub rough: f32,
     /// Distance of the points around.
     pub spacing: f32,
+    /// Whether both sides may be lit.
+    pub both: bool,
 }
 
 impl Patch {
+    /// How far a place is off the plane, in deviations of the points on it.
+    pub fn deviations(&self, place: Vec3) -> f32 {
+        self.normal.dot(place - self.position) / self.rough
+    }
+
     /// How far a place is beside the surface of this patch, in what counts as off: up to 1 it is on it.
     pub fn beside(&self, place: Vec3) -> f32 {
         let way = place - self.position;
@@ -136,36 +145,42 @@ pub(super) fn cover(
     progress: &dyn Progress,
 ) -> Result<Vec<Patch>> {
     let n = samples.len();
-    progress.stage("surfels", n as u64);
+    progress.stage("surfels", 2 * n as u64);
     let mut order: Vec<u32> = (0..n as u32).collect();
     order.shuffle(&mut stream(0, Purpose::Fit, u64::MAX));
     let mut covered = vec![false; n];
     let mut patches = Vec::new();
-    for batch in order.chunks(n.div_ceil(BATCHES).clamp(256, 8192)) {
-        progress.check()?;
-        let open = batch.par_iter().filter(|&&i| !covered[i as usize]);
-        let found: Vec<(Patch, Vec<u32>)> = open
-            .filter_map(|&i| patch_at(samples, scale, neighbours, size, i as usize))
-            .collect();
-        for (patch, on_it) in found {
-            // One of the same batch may have come first.
-            if !covered[patch.sample as usize] {
-                on_it.iter().for_each(|&k| covered[k as usize] = true);
-                patches.push(patch);
+    // Edges come last: what is beside them has covered most of them then, from its own side.
+    for whole in [true, false] {
+        for batch in order.chunks(n.div_ceil(BATCHES).clamp(256, 8192)) {
+            progress.check()?;
+            let open = batch.par_iter().filter(|&&i| !covered[i as usize]);
+            let found: Vec<(Patch, Vec<u32>)> = open
+                .filter_map(|&i| patch_at(samples, scale, neighbours, size, i as usize, whole))
+                .collect();
+            for (patch, on_it) in found {
+                // One of the same batch may have come first.
+                if !covered[patch.sample as usize] {
+                    on_it.iter().for_each(|&k| covered[k as usize] = true);
+                    covered[patch.sample as usize] = true;
+                    patches.push(patch);
+                }
             }
+            progress.advance(batch.len() as u64);
         }
-        progress.advance(batch.len() as u64);
     }
     Ok(patches)
 }
 
-/// The patch at a sample and the samples that it covers; `None` where the sample is on no surface.
+/// The patch at a sample and the samples that it covers; `None` where the sample is on no surface, or if a
+/// `whole` one is wanted where most of what is around is not on it.
 fn patch_at(
     samples: &Samples,
     scale: &Scale,
     neighbours: &Neighbours,
     wanted: f32,
     i: usize,
+    whole: bool,
 ) -> Option<(Patch, Vec<u32>)> {
     let place = samples.positions[i];
     let noise = scale.noise[i];
@@ -201,6 +216,7 @@ fn patch_at(
                         size = least.max(0.5 * size);
                         continue;
                     }
+                    None if whole => return None,
                     None => flat,
                 }
             }
@@ -236,17 +252,22 @@ fn patch_at(
             return None;
         }
         let position = place - plane.height(Vec3::ZERO) * plane.normal;
-        let covered = (near.iter().zip(&places))
-            .filter(|(n, p)| n.1 <= size * size && around.is_on(&plane, **p))
-            .map(|(n, _)| n.0)
-            .collect();
+        let within = || {
+            let within = near.iter().zip(&places).filter(|(n, _)| n.1 <= size * size);
+            within.filter(|(_, p)| around.is_on(&plane, **p))
+        };
+        let covered = within().map(|(n, _)| n.0).collect();
+        let squares = within().map(|(_, p)| plane.height(*p).powi(2));
+        let mean = squares.sum::<f32>() / within().count().max(1) as f32;
         let patch = Patch {
             sample: i as u32,
             position,
             normal: plane.normal,
             size,
             noise,
+            rough: noise.max(mean.sqrt()),
             spacing: scale.spacing[i],
+            both: false,
         };
         return Some((patch, covered));
     }

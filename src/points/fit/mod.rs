@@ -94,7 +94,7 @@ pub(super) fn fit(
         facing: &evidence.facing,
         lamps: &lamps,
     };
-    let mut found = sides::sides(&patches, &known, progress)?;
+    let found = sides::sides(&patches, &known, progress)?;
     for (patch, flipped) in patches.iter_mut().zip(&found.flipped) {
         patch.normal = if *flipped {
             -patch.normal
@@ -102,21 +102,17 @@ pub(super) fn fit(
             patch.normal
         };
     }
+    for (patch, unsure) in patches.iter_mut().zip(&found.unsure) {
+        patch.both = *unsure;
+    }
     if !found.hanging.iter().all(|hanging| *hanging) {
         let mut hanging = found.hanging.iter();
         patches.retain(|_| !hanging.next().is_some_and(|hanging| *hanging));
-        let mut hanging = found.hanging.iter();
-        found
-            .unsure
-            .retain(|_| !hanging.next().is_some_and(|hanging| *hanging));
         owners = Owners::of(&samples, &mut patches, progress)?;
     }
     let area = |p: &Patch| f64::from(p.size).powi(2);
-    let both = patches
-        .iter()
-        .zip(&found.unsure)
-        .filter(|(_, unsure)| **unsure);
-    let unsure = both.map(|(p, _)| area(p)).sum::<f64>() / patches.iter().map(area).sum::<f64>();
+    let both = patches.iter().filter(|p| p.both).map(area).sum::<f64>();
+    let unsure = both / patches.iter().map(area).sum::<f64>();
     let mut fitted = Fitted {
         extents: owners.extents(&samples, &patches),
         strays: owners.strays(),
@@ -127,7 +123,7 @@ pub(super) fn fit(
         unsure,
         how: found.how,
     };
-    fitted.add_backs(&found.unsure);
+    fitted.add_backs(&patches);
     Ok(fitted)
 }
 
@@ -188,11 +184,11 @@ fn told(
 
 impl Fitted {
     /// Gives surfels of which both sides may be lit a second one at the same place that faces the other way.
-    fn add_backs(&mut self, unsure: &[bool]) {
+    fn add_backs(&mut self, patches: &[Patch]) {
         let surfels = &mut self.surfels;
         let n = surfels.len();
         surfels.backs = vec![NO_SURFEL; n];
-        for i in (0..n).filter(|&i| unsure[i]) {
+        for i in (0..n).filter(|&i| patches[i].both) {
             surfels.backs[i] = surfels.len() as u32;
             surfels.backs.push(i as u32);
             surfels.positions.push(surfels.positions[i]);

@@ -17,8 +17,9 @@ const FAR: f32 = 1.5;
 /// Or farther beside its plane than this many times what its surface allows.
 const BESIDE: f32 = 1.5;
 
-/// What a surface allows, in deviations of its points.
-const DEVIATIONS: f32 = 2.5;
+/// Of two surfels that a point lies on as well, the nearer one has it: the square of a distance of one size counts
+/// as much as that of this many deviations.
+const NEARER: f32 = 0.2;
 
 /// For each sample its surfel, and whether it lies on it or only gets its light.
 pub(super) struct Owners {
@@ -40,26 +41,48 @@ impl Owners {
                 let patch = &patches[k as usize];
                 let far = place.distance(patch.position) / patch.size;
                 let beside = patch.beside(place);
+                let deviations = patch.deviations(place);
                 (far < FAR && beside < BESIDE)
-                    .then_some((k, far * far + (DEVIATIONS * beside).powi(2)))
+                    .then_some((k, NEARER * far * far + deviations * deviations))
             });
             match own.min_by(|a, b| a.1.total_cmp(&b.1)) {
                 Some((k, _)) => (k, true),
                 None => (near.first().copied().unwrap_or(0), false),
             }
         };
-        let mut owners: Vec<(u32, bool)> = samples.positions.par_iter().map(owner).collect();
-        (0..)
-            .zip(&*patches)
-            .for_each(|(k, patch)| owners[patch.sample as usize] = (k, true));
+        let owners: Vec<(u32, bool)> = samples.positions.par_iter().map(owner).collect();
         drop(tree);
         progress.check()?;
-        let owners = Owners {
+        let mut owners = Owners {
             owners,
             count: patches.len(),
         };
+        let nearest = owners.nearest(samples, patches);
+        (patches.iter_mut().zip(nearest)).for_each(|(patch, k)| patch.sample = k);
         owners.settle(samples, patches);
         Ok(owners)
+    }
+
+    /// Of each patch the sample nearest to it among its own. One that has none takes that which it was fitted at.
+    fn nearest(&mut self, samples: &Samples, patches: &[Patch]) -> Vec<u32> {
+        loop {
+            let mut nearest: Vec<Option<(f32, u32)>> = vec![None; patches.len()];
+            for (k, owner) in self.iter() {
+                let far = patches[owner as usize].position.distance_squared(samples.positions[k]);
+                let nearest = &mut nearest[owner as usize];
+                if nearest.is_none_or(|n| far < n.0) {
+                    *nearest = Some((far, k as u32));
+                }
+            }
+            if nearest.iter().all(Option::is_some) {
+                return nearest.into_iter().flatten().map(|n| n.1).collect();
+            }
+            for (k, patch) in (0..).zip(patches) {
+                if nearest[k as usize].is_none() {
+                    self.owners[patch.sample as usize] = (k, true);
+                }
+            }
+        }
     }
 
     /// Moves patches along their normals onto the mean of their points.

@@ -122,9 +122,10 @@ impl Scale {
                 .iter()
                 .map(|&k| probes[k as usize].1)
                 .collect();
-            let half = around.len() / 2;
+            // Those at edges see more than noise.
+                let few = around.len() / 3;
             around
-                .select_nth_unstable_by(half, f32::total_cmp)
+                .select_nth_unstable_by(few, f32::total_cmp)
                 .1
                 .max(least)
         };
