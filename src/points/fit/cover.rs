@@ -13,7 +13,7 @@ use rand::seq::SliceRandom;
 use rayon::prelude::*;
 
 use super::curved::Curved;
-use super::plane::{AT_LEAST, Around, Plane, Weighted};
+use super::plane::{AT_LEAST, Around, OFF, Plane, Weighted};
 use super::samples::{Samples, Scale};
 use crate::error::Result;
 use crate::points::neighbours::Neighbours;
@@ -46,6 +46,9 @@ const DISCS: f64 = 0.7;
 const AROUND: u32 = 3;
 const SECTORS: f32 = 8.0;
 const NEXT: std::ops::Range<f32> = 0.15..1.5;
+/// Patches beside a point among which one is looked for whose plane it is on, and how far that goes on, in sizes.
+const LOOKED_AT: usize = 16;
+const ON: f32 = 3.0;
 /// Parts of the points that are fitted at the same time: few enough to be far apart.
 const BATCHES: usize = 64;
 
@@ -148,128 +151,214 @@ pub(super) fn cover(
     progress.stage("surfels", 2 * n as u64);
     let mut order: Vec<u32> = (0..n as u32).collect();
     order.shuffle(&mut stream(0, Purpose::Fit, u64::MAX));
-    let mut covered = vec![false; n];
-    let mut patches = Vec::new();
-    // Edges come last: what is beside them has covered most of them then, from its own side.
-    for whole in [true, false] {
-        for batch in order.chunks(n.div_ceil(BATCHES).clamp(256, 8192)) {
+    let mut cover = Cover {
+        samples,
+        scale,
+        neighbours,
+        size,
+        covered: vec![false; n],
+        patches: Vec::new(),
+    };
+    cover.take(&order, progress, &|cover, i| cover.patch(i, true))?;
+    // Edges come last: what is beside them goes on there.
+    let places: Vec<Vec3> = cover.patches.iter().map(|p| p.position).collect();
+    if places.is_empty() {
+        cover.take(&order, progress, &|cover, i| cover.patch(i, false))?;
+        return Ok(cover.patches);
+    }
+    let (tree, whole) = (Neighbours::new(&places)?, places.len());
+    cover.take(&order, progress, &|cover, i| {
+        let beside = cover.continued(i, &tree, whole);
+        beside.or_else(|| cover.patch(i, false))
+    })?;
+    Ok(cover.patches)
+}
+
+/// Patches so far.
+struct Cover<'a> {
+    samples: &'a Samples,
+    scale: &'a Scale,
+    neighbours: &'a Neighbours<'a>,
+    /// Wanted.
+    size: f32,
+    /// Which samples they cover.
+    covered: Vec<bool>,
+    patches: Vec<Patch>,
+}
+
+/// A patch and the samples that it covers.
+type Found = (Patch, Vec<u32>);
+
+impl Cover<'_> {
+    /// Takes what is found at samples that are not covered yet, one after the other.
+    fn take(
+        &mut self,
+        order: &[u32],
+        progress: &dyn Progress,
+        find: &(dyn Fn(&Cover, usize) -> Option<Found> + Sync),
+    ) -> Result<()> {
+        for batch in order.chunks(order.len().div_ceil(BATCHES).clamp(256, 8192)) {
             progress.check()?;
-            let open = batch.par_iter().filter(|&&i| !covered[i as usize]);
-            let found: Vec<(Patch, Vec<u32>)> = open
-                .filter_map(|&i| patch_at(samples, scale, neighbours, size, i as usize, whole))
-                .collect();
+            let open = batch.par_iter().filter(|&&i| !self.covered[i as usize]);
+            let found: Vec<Found> = open.filter_map(|&i| find(self, i as usize)).collect();
             for (patch, on_it) in found {
                 // One of the same batch may have come first.
-                if !covered[patch.sample as usize] {
-                    on_it.iter().for_each(|&k| covered[k as usize] = true);
-                    covered[patch.sample as usize] = true;
-                    patches.push(patch);
+                if !self.covered[patch.sample as usize] {
+                    on_it.iter().for_each(|&k| self.covered[k as usize] = true);
+                    self.covered[patch.sample as usize] = true;
+                    self.patches.push(patch);
                 }
             }
             progress.advance(batch.len() as u64);
         }
+        Ok(())
     }
-    Ok(patches)
-}
 
-/// The patch at a sample and the samples that it covers; `None` where the sample is on no surface, or if a
-/// `whole` one is wanted where most of what is around is not on it.
-fn patch_at(
-    samples: &Samples,
-    scale: &Scale,
-    neighbours: &Neighbours,
-    wanted: f32,
-    i: usize,
-    whole: bool,
-) -> Option<(Patch, Vec<u32>)> {
-    let place = samples.positions[i];
-    let noise = scale.noise[i];
-    let finest = scale.spacing[i].max(NOISE * noise);
-    let mut size = finest.max(wanted);
-    let least = finest.max(SMALLEST * wanted);
-    let mut random = stream(0, Purpose::Fit, i as u64);
-    let mut widened = 0;
-    loop {
-        let near = neighbours.all_within(place, FOOTPRINT * size);
+    /// The patch at a sample on the plane of one of the first so many patches beside it, which `tree` finds, if
+    /// that goes on there.
+    fn continued(&self, i: usize, tree: &Neighbours, whole: usize) -> Option<Found> {
+        let place = self.samples.positions[i];
+        let finest = self.scale.spacing[i].max(NOISE * self.scale.noise[i]);
+        let beside = tree.around(place, LOOKED_AT.min(whole));
+        let on = beside
+            .iter()
+            .map(|&k| &self.patches[k as usize])
+            .filter(|patch| {
+                place.distance(patch.position) < ON * patch.size
+                    && patch.deviations(place).abs() < OFF
+            });
+        let next = on.min_by(|a, b| {
+            let [a, b] =
+                [a, b].map(|p| p.deviations(place).abs() + place.distance(p.position) / p.size);
+            a.total_cmp(&b)
+        })?;
+        let size = finest.max(next.size.min(self.size.max(finest)));
+        let height = next.normal.dot(place - next.position);
+        let plane = Plane {
+            normal: next.normal,
+            centre: -height * next.normal,
+            along: [0.0; 2],
+        };
+        let near = self.neighbours.all_within(place, FOOTPRINT * size);
         let places: Vec<Vec3> = (near.iter())
-            .map(|&(k, _)| samples.positions[k as usize] - place)
+            .map(|&(k, _)| self.samples.positions[k as usize] - place)
             .collect();
-        let around = Around {
-            places: &places,
-            radius: FOOTPRINT * size,
-            noise,
-        };
-        let inside = near.iter().filter(|n| n.1 <= size * size).count() as f32;
-        let is_whole = |model: &Model| {
-            let on = places.iter().zip(&near).filter(|(_, n)| n.1 <= size * size);
-            let on = on.filter(|(p, _)| model.off(&around, **p) <= 1.0).count();
-            on as f32 >= WHOLE * inside && model.off(&around, Vec3::ZERO) <= 1.0
-        };
-        let flat = around.plane(&mut random).map(Model::Flat)?;
-        let model = match is_whole(&flat) {
-            true => flat,
-            false => {
-                let curved = Curved::fit(&around, &flat.tangent()).map(Model::Curved);
-                match curved.filter(is_whole) {
-                    Some(curved) => curved,
-                    None if widened == 0 && size > least => {
-                        size = least.max(0.5 * size);
-                        continue;
-                    }
-                    None if whole => return None,
-                    None => flat,
-                }
-            }
-        };
-        if model.off(&around, Vec3::ZERO) > 1.0 {
-            return None;
-        }
-        let offs: Vec<f32> = places.iter().map(|&p| model.off(&around, p)).collect();
-        let on: Vec<usize> = (0..places.len()).filter(|&k| offs[k] <= 1.0).collect();
-        if on.len() <= AT_LEAST {
-            return None;
-        }
-        let plane = model.tangent();
-        let on_it = || on.iter().map(|&k| places[k]);
-        let wide = Weighted::of(on_it().map(|p| (p, 1.0))).plane();
-        if !wide.is_some_and(|p| p.is_wide()) || !is_around(&plane, on_it(), size) {
-            if widened == WIDENED {
-                return None;
-            }
-            widened += 1;
-            size *= WIDER;
-            continue;
-        }
-        let squares = on.iter().map(|&k| offs[k] * offs[k]).sum::<f32>();
-        let spread = (squares / on.len() as f32).sqrt();
-        // The point itself is the first one.
-        let mut others: Vec<f32> = (on.iter().skip(1).take(BESIDE))
-            .map(|&k| scale.spacing[near[k].0 as usize])
+        let on: Vec<usize> = (0..near.len())
+            .filter(|&k| plane.height(places[k]).abs() < OFF * next.rough)
             .collect();
-        let half = others.len() / 2;
-        let usual = *others.select_nth_unstable_by(half, f32::total_cmp).1;
-        if spread > SPREAD || scale.spacing[i] > ALONE * usual {
+        if on.len() <= AT_LEAST || !is_around(&plane, on.iter().map(|&k| places[k]), size) {
             return None;
         }
-        let position = place - plane.height(Vec3::ZERO) * plane.normal;
-        let within = || {
-            let within = near.iter().zip(&places).filter(|(n, _)| n.1 <= size * size);
-            within.filter(|(_, p)| around.is_on(&plane, **p))
-        };
-        let covered = within().map(|(n, _)| n.0).collect();
-        let squares = within().map(|(_, p)| plane.height(*p).powi(2));
-        let mean = squares.sum::<f32>() / within().count().max(1) as f32;
+        let covered = on.iter().filter(|&&k| near[k].1 <= size * size);
         let patch = Patch {
             sample: i as u32,
-            position,
-            normal: plane.normal,
+            position: place - height * next.normal,
             size,
-            noise,
-            rough: noise.max(mean.sqrt()),
-            spacing: scale.spacing[i],
-            both: false,
+            spacing: self.scale.spacing[i],
+            ..*next
         };
-        return Some((patch, covered));
+        Some((patch, covered.map(|&k| near[k].0).collect()))
+    }
+
+    /// The patch at a sample and the samples that it covers; `None` where the sample is on no surface, or if a
+    /// `whole` one is wanted where most of what is around is not on it.
+    fn patch(&self, i: usize, whole: bool) -> Option<Found> {
+        let Cover {
+            samples,
+            scale,
+            neighbours,
+            size: wanted,
+            ..
+        } = *self;
+        let place = samples.positions[i];
+        let noise = scale.noise[i];
+        let finest = scale.spacing[i].max(NOISE * noise);
+        let mut size = finest.max(wanted);
+        let least = finest.max(SMALLEST * wanted);
+        let mut random = stream(0, Purpose::Fit, i as u64);
+        let mut widened = 0;
+        loop {
+            let near = neighbours.all_within(place, FOOTPRINT * size);
+            let places: Vec<Vec3> = (near.iter())
+                .map(|&(k, _)| samples.positions[k as usize] - place)
+                .collect();
+            let around = Around {
+                places: &places,
+                radius: FOOTPRINT * size,
+                noise,
+            };
+            let inside = near.iter().filter(|n| n.1 <= size * size).count() as f32;
+            let is_whole = |model: &Model| {
+                let on = places.iter().zip(&near).filter(|(_, n)| n.1 <= size * size);
+                let on = on.filter(|(p, _)| model.off(&around, **p) <= 1.0).count();
+                on as f32 >= WHOLE * inside && model.off(&around, Vec3::ZERO) <= 1.0
+            };
+            let flat = around.plane(&mut random).map(Model::Flat)?;
+            let model = match is_whole(&flat) {
+                true => flat,
+                false => {
+                    let curved = Curved::fit(&around, &flat.tangent()).map(Model::Curved);
+                    match curved.filter(is_whole) {
+                        Some(curved) => curved,
+                        None if widened == 0 && size > least => {
+                            size = least.max(0.5 * size);
+                            continue;
+                        }
+                        None if whole => return None,
+                        None => flat,
+                    }
+                }
+            };
+            if model.off(&around, Vec3::ZERO) > 1.0 {
+                return None;
+            }
+            let offs: Vec<f32> = places.iter().map(|&p| model.off(&around, p)).collect();
+            let on: Vec<usize> = (0..places.len()).filter(|&k| offs[k] <= 1.0).collect();
+            if on.len() <= AT_LEAST {
+                return None;
+            }
+            let plane = model.tangent();
+            let on_it = || on.iter().map(|&k| places[k]);
+            let wide = Weighted::of(on_it().map(|p| (p, 1.0))).plane();
+            if !wide.is_some_and(|p| p.is_wide()) || !is_around(&plane, on_it(), size) {
+                if widened == WIDENED {
+                    return None;
+                }
+                widened += 1;
+                size *= WIDER;
+                continue;
+            }
+            let squares = on.iter().map(|&k| offs[k] * offs[k]).sum::<f32>();
+            let spread = (squares / on.len() as f32).sqrt();
+            // The point itself is the first one.
+            let mut others: Vec<f32> = (on.iter().skip(1).take(BESIDE))
+                .map(|&k| scale.spacing[near[k].0 as usize])
+                .collect();
+            let half = others.len() / 2;
+            let usual = *others.select_nth_unstable_by(half, f32::total_cmp).1;
+            if spread > SPREAD || scale.spacing[i] > ALONE * usual {
+                return None;
+            }
+            let position = place - plane.height(Vec3::ZERO) * plane.normal;
+            let within = || {
+                let within = near.iter().zip(&places).filter(|(n, _)| n.1 <= size * size);
+                within.filter(|(_, p)| around.is_on(&plane, **p))
+            };
+            let covered = within().map(|(n, _)| n.0).collect();
+            let squares = within().map(|(_, p)| plane.height(*p).powi(2));
+            let mean = squares.sum::<f32>() / within().count().max(1) as f32;
+            let patch = Patch {
+                sample: i as u32,
+                position,
+                normal: plane.normal,
+                size,
+                noise,
+                rough: noise.max(mean.sqrt()),
+                spacing: scale.spacing[i],
+                both: false,
+            };
+            return Some((patch, covered));
+        }
     }
 }
 

@@ -144,6 +144,9 @@ fn surfels(cloud: &PointCloud, samples: &Samples, patches: &[Patch], owners: &Ow
     }
 }
 
+/// Cosine from which on a view tells the side: normals are off by some degrees.
+const PLAIN: f32 = 0.1;
+
 /// What is told of the side of each patch, and by what: normals of the file, or places that it was seen from.
 fn told(
     cloud: &PointCloud,
@@ -165,7 +168,8 @@ fn told(
         if let Some(way) = given.or_else(seen) {
             by_views |= given.is_none();
             let (sum, count) = &mut sums[owner as usize];
-            *sum += way.dot(patches[owner as usize].normal);
+            let cos = way.dot(patches[owner as usize].normal);
+            *sum += (cos / PLAIN).clamp(-1.0, 1.0);
             *count += 1.0;
         }
     }

@@ -68,7 +68,9 @@ impl Owners {
         loop {
             let mut nearest: Vec<Option<(f32, u32)>> = vec![None; patches.len()];
             for (k, owner) in self.iter() {
-                let far = patches[owner as usize].position.distance_squared(samples.positions[k]);
+                let far = patches[owner as usize]
+                    .position
+                    .distance_squared(samples.positions[k]);
                 let nearest = &mut nearest[owner as usize];
                 if nearest.is_none_or(|n| far < n.0) {
                     *nearest = Some((far, k as u32));

@@ -23,9 +23,9 @@ const AROUND: usize = 12;
 const PROBES: usize = 4000;
 const ASKED: usize = 9;
 /// Neighbours that a paraboloid is laid through for that: the fewest that lie on one.
-const SCALES: [usize; 4] = [16, 32, 64, 128];
+const SCALES: [usize; 7] = [16, 32, 64, 128, 256, 512, 1024];
 /// Points lie on a paraboloid if they are off it by less than this part of its radius, in the mean.
-const FLAT: f32 = 0.1;
+const FLAT: f32 = 0.04;
 /// Noise below this part of the spacing is taken for this: planes stand for curved surfaces.
 const LEAST_NOISE: f32 = 0.01;
 
@@ -123,7 +123,7 @@ impl Scale {
                 .map(|&k| probes[k as usize].1)
                 .collect();
             // Those at edges see more than noise.
-                let few = around.len() / 3;
+            let few = around.len() / 3;
             around
                 .select_nth_unstable_by(few, f32::total_cmp)
                 .1

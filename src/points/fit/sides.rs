@@ -39,8 +39,8 @@ const RAYS: usize = 12;
 const ABOVE: f32 = 0.3;
 /// Discs of this radius, in sizes, close the surface.
 const DISC: f32 = 0.85;
-/// A lamp that shines on a side says as much as this part of a side's rays.
-const LAMP: f64 = 0.6;
+/// A piece that is torn between what its two sides see goes on as its neighbours do, if those agree this much.
+const CONTINUED: f64 = 0.5;
 /// Lamps that are asked.
 const LAMPS: usize = 16;
 /// What is told says as much as this many sides' rays.
@@ -93,19 +93,13 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
     progress.check()?;
     let (around, truth) = (pieces.count as u32, pieces.count as u32 + 1);
     let mut votes = views.votes.clone();
-    votes.extend(beside);
+    votes.extend_from_slice(&beside);
     let mut told = vec![0.0; pieces.count];
     for (i, &(piece, flip)) in pieces.of.iter().enumerate() {
         let told_here = f64::from(known.told[i]) * area(&patches[i]);
         told[piece as usize] += TOLD * if flip { -told_here } else { told_here };
     }
-    let told = told.iter().zip(&views.lit).map(|(told, lit)| told + lit);
-    votes.extend(
-        (0..)
-            .zip(told)
-            .filter(|t| t.1 != 0.0)
-            .map(|(p, t)| (p, truth, t)),
-    );
+    votes.extend((0..).zip(told).filter(|t| t.1 != 0.0).map(|(p, t)| (p, truth, t)));
     let mut votes = summed(votes);
     votes.retain(|v| v.0 != v.1);
     let mut signs = decided(pieces.count + 2, &votes);
@@ -114,17 +108,24 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
     if turned {
         signs.iter_mut().for_each(|s| *s = -*s);
     }
-    // What the votes on a piece say for its sign, of all that they say: those of its views, and all.
-    let mut sums = views.own.iter().map(|&own| [own; 2]).collect::<Vec<_>>();
-    for &(p, q, vote) in &votes {
-        let agree = vote * signs[p as usize] * signs[q as usize];
-        for k in [p, q].into_iter().filter(|&k| k < around) {
-            let of = if q == truth { 1..2 } else { 0..2 };
-            for (sum, whole) in &mut sums[k as usize][of] {
+    // What is said for the sign of a piece, of all that is said: by what it sees, by its neighbours, by all.
+    let count = |votes: &[Vote]| {
+        let mut sums = vec![(0.0, 0.0); pieces.count + 2];
+        for &(p, q, vote) in votes {
+            let agree = vote * signs[p as usize] * signs[q as usize];
+            for k in [p, q] {
+                let (sum, whole) = &mut sums[k as usize];
                 *sum += agree;
                 *whole += vote.abs();
             }
         }
+        sums
+    };
+    let add = |a: (f64, f64), b: (f64, f64)| (a.0 + b.0, a.1 + b.1);
+    let [seen, by_neighbours, by_all] = [&views.votes, &beside, &votes].map(|votes| count(votes));
+    let mut points = vec![0; pieces.count];
+    for (&(p, _), count) in pieces.of.iter().zip(known.points) {
+        points[p as usize] += count;
     }
     let torn = |(sum, whole): (f64, f64)| sum < SURE * whole;
     let mut points = vec![0; pieces.count];
@@ -135,13 +136,19 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
         .of
         .iter()
         .map(|&(p, flip)| flip != (signs[p as usize] < 0.0));
-    let unsure = pieces.of.iter().map(|&(p, _)| torn(sums[p as usize][1]));
-    let hanging =
-        (pieces.of.iter()).map(|&(p, _)| torn(sums[p as usize][0]) && points[p as usize] < FEW);
+    let unsure = |p: usize| {
+        let (agree, whole) = by_neighbours[p];
+        torn(add(by_all[p], views.own[p])) && (agree < CONTINUED * whole || whole == 0.0)
+    };
+    let hanging = |p: usize| torn(add(seen[p], views.own[p])) && points[p] < FEW;
+    let of_pieces = |is: &dyn Fn(usize) -> bool| -> Vec<bool> {
+        let of: Vec<bool> = (0..pieces.count).map(is).collect();
+        pieces.of.iter().map(|&(p, _)| of[p as usize]).collect()
+    };
     Ok(Sides {
         flipped: flipped.collect(),
-        unsure: unsure.collect(),
-        hanging: hanging.collect(),
+        unsure: of_pieces(&unsure),
+        hanging: of_pieces(&hanging),
         how,
     })
 }
@@ -290,7 +297,7 @@ impl Views {
                     for &lamp in lamps {
                         let faces = (lamp - from).dot(sign * normal) > 0.0;
                         if faces && !blocked::<f32>(&occluders, &segment(lamp)) {
-                            lit += f64::from(sign) * LAMP * weight / lamps.len() as f64;
+                            lit += f64::from(sign) * weight / lamps.len() as f64;
                         }
                     }
                 }
@@ -404,11 +411,13 @@ fn whole(
         _ => {}
     }
     if evident {
-        let by = match known.told.iter().any(|t| *t != 0.0) {
-            true => known.told_by,
-            false => "turned to the lamps",
-        };
+        let by = known.told_by;
         return (signs[pieces.count + 1] < 0.0, by);
+    }
+    // Lamps hang in free space.
+    let lit: f64 = views.lit.iter().zip(signs).map(|(lit, sign)| lit * sign).sum();
+    if lit != 0.0 {
+        return (lit < 0.0, "turned to the lamps");
     }
     let [front, back] = leave;
     if (front - back).abs() < ALIKE && up.abs() > GROUND * all {
