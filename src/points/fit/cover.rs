@@ -13,7 +13,7 @@ use rand::seq::SliceRandom;
 use rayon::prelude::*;
 
 use super::curved::Curved;
-use super::plane::{AT_LEAST, Around, OFF, Plane, Weighted};
+use super::plane::{AT_LEAST, Around, OFF, Plane, Weighted, allowed, same_side};
 use super::samples::{Samples, Scale};
 use crate::error::Result;
 use crate::points::neighbours::Neighbours;
@@ -68,11 +68,20 @@ pub(super) struct Patch {
     pub rough: f32,
     /// Distance of the points around.
     pub spacing: f32,
+    /// From where the sample was seen that it was fitted at: a unit vector, or zero.
+    pub view: Vec3,
     /// Whether both sides may be lit.
     pub both: bool,
 }
 
 impl Patch {
+    /// Whether a sample was seen on the same side.
+    pub fn is_seen_with(&self, samples: &Samples, k: u32) -> bool {
+        samples
+            .view(k)
+            .is_none_or(|view| same_side(self.normal, self.view, view))
+    }
+
     /// How far a place is off the plane, in deviations of the points on it.
     pub fn deviations(&self, place: Vec3) -> f32 {
         self.normal.dot(place - self.position) / self.rough
@@ -81,13 +90,9 @@ impl Patch {
     /// How far a place is beside the surface of this patch, in what counts as off: up to 1 it is on it.
     pub fn beside(&self, place: Vec3) -> f32 {
         let way = place - self.position;
-        let around = Around {
-            places: &[],
-            radius: FOOTPRINT * self.size,
-            noise: self.noise,
-        };
         let height = self.normal.dot(way);
-        height.abs() / around.off(way - height * self.normal)
+        let along = way - height * self.normal;
+        height.abs() / allowed(along, FOOTPRINT * self.size, self.noise)
     }
 }
 
@@ -105,11 +110,11 @@ impl Model {
         }
     }
 
-    /// How far a place is off, in what is allowed.
-    fn off(&self, around: &Around, place: Vec3) -> f32 {
+    /// How far place k is off, in what is allowed.
+    fn off(&self, around: &Around, k: usize) -> f32 {
         match self {
-            Model::Flat(plane) => plane.height(place).abs() / around.off(place),
-            Model::Curved(curved) => curved.off(around, place),
+            Model::Flat(plane) => around.off(plane, k),
+            Model::Curved(curved) => curved.off(around, k),
         }
     }
 }
@@ -226,6 +231,7 @@ impl Cover<'_> {
             .filter(|patch| {
                 place.distance(patch.position) < ON * patch.size
                     && patch.deviations(place).abs() < OFF
+                    && patch.is_seen_with(self.samples, i as u32)
             });
         let next = on.min_by(|a, b| {
             let [a, b] =
@@ -245,6 +251,7 @@ impl Cover<'_> {
             .collect();
         let on: Vec<usize> = (0..near.len())
             .filter(|&k| plane.height(places[k]).abs() < OFF * next.rough)
+            .filter(|&k| next.is_seen_with(self.samples, near[k].0))
             .collect();
         if on.len() <= AT_LEAST || !is_around(&plane, on.iter().map(|&k| places[k]), size) {
             return None;
@@ -282,16 +289,23 @@ impl Cover<'_> {
             let places: Vec<Vec3> = (near.iter())
                 .map(|&(k, _)| samples.positions[k as usize] - place)
                 .collect();
+            let views: Vec<Vec3> = near.iter().filter_map(|n| samples.view(n.0)).collect();
             let around = Around {
                 places: &places,
+                views: &views,
+                view: samples.view(i as u32).unwrap_or_default(),
                 radius: FOOTPRINT * size,
                 noise,
             };
-            let inside = near.iter().filter(|n| n.1 <= size * size).count() as f32;
             let is_whole = |model: &Model| {
-                let on = places.iter().zip(&near).filter(|(_, n)| n.1 <= size * size);
-                let on = on.filter(|(p, _)| model.off(&around, **p) <= 1.0).count();
-                on as f32 >= WHOLE * inside && model.off(&around, Vec3::ZERO) <= 1.0
+                // What was seen on its other side is no matter.
+                let normal = model.tangent().normal;
+                let inside = (0..near.len())
+                    .filter(|&k| near[k].1 <= size * size && around.is_seen_with(normal, k));
+                let (on, all) = inside.fold((0, 0), |(on, all), k| {
+                    (on + u32::from(model.off(&around, k) <= 1.0), all + 1)
+                });
+                on as f32 >= WHOLE * all as f32 && model.off(&around, 0) <= 1.0
             };
             let flat = around.plane(&mut random).map(Model::Flat)?;
             let model = match is_whole(&flat) {
@@ -309,19 +323,19 @@ impl Cover<'_> {
                     }
                 }
             };
-            if model.off(&around, Vec3::ZERO) > 1.0 {
+            if model.off(&around, 0) > 1.0 {
                 return None;
             }
-            let offs: Vec<f32> = places.iter().map(|&p| model.off(&around, p)).collect();
+            let offs: Vec<f32> = (0..places.len()).map(|k| model.off(&around, k)).collect();
             let on: Vec<usize> = (0..places.len()).filter(|&k| offs[k] <= 1.0).collect();
-            if on.len() <= AT_LEAST {
-                return None;
-            }
             let plane = model.tangent();
             let on_it = || on.iter().map(|&k| places[k]);
             let wide = Weighted::of(on_it().map(|p| (p, 1.0))).plane();
-            if !wide.is_some_and(|p| p.is_wide()) || !is_around(&plane, on_it(), size) {
-                if widened == WIDENED {
+            let wide = wide.is_some_and(|p| p.is_wide()) && is_around(&plane, on_it(), size);
+            let few = on.len() <= AT_LEAST;
+            if few || !wide {
+                // Among many of the other side the own side may be few; without views few are no surface.
+                if widened == WIDENED || few && views.is_empty() {
                     return None;
                 }
                 widened += 1;
@@ -341,11 +355,11 @@ impl Cover<'_> {
             }
             let position = place - plane.height(Vec3::ZERO) * plane.normal;
             let within = || {
-                let within = near.iter().zip(&places).filter(|(n, _)| n.1 <= size * size);
-                within.filter(|(_, p)| around.is_on(&plane, **p))
+                let within = (0..near.len()).filter(|&k| near[k].1 <= size * size);
+                within.filter(|&k| around.off(&plane, k) <= 1.0)
             };
-            let covered = within().map(|(n, _)| n.0).collect();
-            let squares = within().map(|(_, p)| plane.height(*p).powi(2));
+            let covered = within().map(|k| near[k].0).collect();
+            let squares = within().map(|k| plane.height(places[k]).powi(2));
             let mean = squares.sum::<f32>() / within().count().max(1) as f32;
             let patch = Patch {
                 sample: i as u32,
@@ -355,6 +369,7 @@ impl Cover<'_> {
                 noise,
                 rough: noise.max(mean.sqrt()),
                 spacing: scale.spacing[i],
+                view: around.view,
                 both: false,
             };
             return Some((patch, covered));

@@ -40,18 +40,18 @@ impl Curved {
         for round in 0..ROUNDS {
             // From far off to as near as points are.
             let wide = (1 << (ROUNDS - 1 - round).min(4)) as f32;
-            let weighted = around.places.iter().map(|&place| {
-                let miss = curved.miss(place) / (wide * tolerance);
-                let near = 1.0 - place.length_squared() / (around.radius * around.radius);
-                (place, (-0.5 * miss * miss).exp() * near.max(0.05))
+            let weighted = (0..around.places.len()).map(|k| {
+                let miss = curved.miss(around.places[k]) / (wide * tolerance);
+                let seen = f32::from(around.is_seen_with(start.normal, k));
+                (
+                    around.places[k],
+                    seen * (-0.5 * miss * miss).exp() * around.near(k),
+                )
             });
             curved.coefficients = curved.through(weighted, STIFF)?;
         }
-        let on = around
-            .places
-            .iter()
-            .filter(|&&p| curved.off(around, p) <= 1.0)
-            .count();
+        let on = (0..around.places.len()).filter(|&k| curved.off(around, k) <= 1.0);
+        let on = on.count();
         (on >= AT_LEAST && curved.roundest() < 1.0 / ROUNDEST).then_some(curved)
     }
 
@@ -77,9 +77,12 @@ impl Curved {
         solve(matrix, right)
     }
 
-    /// How far a place is off it, in what is allowed.
-    pub fn off(&self, around: &Around, place: Vec3) -> f32 {
-        self.miss(place).abs() / (OFF * tolerance(around))
+    /// How far place k is off it, in what is allowed.
+    pub fn off(&self, around: &Around, k: usize) -> f32 {
+        match around.is_seen_with(self.frame[2].as_vec3(), k) {
+            true => self.miss(around.places[k]).abs() / (OFF * tolerance(around)),
+            false => f32::INFINITY,
+        }
     }
 
     /// The tangent plane over the origin.

@@ -23,6 +23,7 @@ use crate::visibility::NO_SURFEL;
 use cover::Patch;
 pub(super) use owners::Extents;
 use owners::Owners;
+use plane::PLAIN;
 use samples::{Samples, Scale};
 use sides::Known;
 
@@ -66,7 +67,7 @@ pub(super) fn fit(
     progress: &dyn Progress,
 ) -> Result<Fitted> {
     progress.stage("spacing", 1);
-    let samples = Samples::of(cloud, progress)?;
+    let samples = Samples::of(cloud, &evidence.facing, progress)?;
     let neighbours = Neighbours::new(&samples.positions)?;
     let scale = Scale::of(&samples, &neighbours, progress)?;
     let size = size
@@ -81,7 +82,12 @@ pub(super) fn fit(
         )));
     }
     let mut owners = Owners::of(&samples, &mut patches, progress)?;
-    let (told, told_by) = told(cloud, evidence, &samples, &patches, &owners);
+    let told = told(&samples, &patches, &owners);
+    let told_by = match evidence.facing {
+        _ if cloud.normals.iter().any(|n| *n != Vec3::ZERO) => "turned as the given normals",
+        Facing::Viewpoint(_) => "turned to the viewpoint",
+        _ => "turned to the scanner",
+    };
     let lamps: Vec<Vec3> = evidence
         .lamps
         .iter()
@@ -144,46 +150,19 @@ fn surfels(cloud: &PointCloud, samples: &Samples, patches: &[Patch], owners: &Ow
     }
 }
 
-/// Cosine from which on a view tells the side: normals are off by some degrees.
-const PLAIN: f32 = 0.1;
-
-/// What is told of the side of each patch, and by what: normals of the file, or places that it was seen from.
-fn told(
-    cloud: &PointCloud,
-    evidence: &Evidence,
-    samples: &Samples,
-    patches: &[Patch],
-    owners: &Owners,
-) -> (Vec<f32>, &'static str) {
+/// What is told of the side of each patch by where its points were seen from, or by their normals.
+fn told(samples: &Samples, patches: &[Patch], owners: &Owners) -> Vec<f32> {
     let mut sums = vec![(0.0, 0.0_f32); patches.len()];
-    let (mut by_normals, mut by_views) = (false, false);
     for (k, owner) in owners.iter() {
-        let point = samples.points[k] as usize;
-        let given = cloud.normals.get(point).and_then(|n| n.try_normalize());
-        by_normals |= given.is_some();
-        let seen = || {
-            let from = evidence.facing.viewpoint(cloud, point)?;
-            (from - cloud.positions[point]).as_vec3().try_normalize()
-        };
-        if let Some(way) = given.or_else(seen) {
-            by_views |= given.is_none();
+        if let Some(view) = samples.view(k as u32).filter(|view| *view != Vec3::ZERO) {
             let (sum, count) = &mut sums[owner as usize];
-            let cos = way.dot(patches[owner as usize].normal);
+            let cos = view.dot(patches[owner as usize].normal);
             *sum += (cos / PLAIN).clamp(-1.0, 1.0);
             *count += 1.0;
         }
     }
-    let by = match (by_normals, by_views, evidence.facing) {
-        (true, ..) => "turned as the given normals",
-        (_, true, Facing::Viewpoint(_)) => "turned to the viewpoint",
-        _ => "turned to the scanner",
-    };
-    (
-        sums.into_iter()
-            .map(|(sum, count)| sum / count.max(1.0))
-            .collect(),
-        by,
-    )
+    let mean = |(sum, count): (f32, f32)| sum / count.max(1.0);
+    sums.into_iter().map(mean).collect()
 }
 
 impl Fitted {

@@ -35,14 +35,15 @@ impl Owners {
     pub fn of(samples: &Samples, patches: &mut [Patch], progress: &dyn Progress) -> Result<Owners> {
         let places: Vec<Vec3> = patches.iter().map(|p| p.position).collect();
         let tree = Neighbours::new(&places)?;
-        let owner = |&place: &Vec3| {
+        let owner = |(sample, &place): (usize, &Vec3)| {
             let near = tree.around(place, NEAR);
             let own = near.iter().filter_map(|&k| {
                 let patch = &patches[k as usize];
                 let far = place.distance(patch.position) / patch.size;
                 let beside = patch.beside(place);
                 let deviations = patch.deviations(place);
-                (far < FAR && beside < BESIDE)
+                let seen = patch.is_seen_with(samples, sample as u32);
+                (seen && far < FAR && beside < BESIDE)
                     .then_some((k, NEARER * far * far + deviations * deviations))
             });
             match own.min_by(|a, b| a.1.total_cmp(&b.1)) {
@@ -50,7 +51,12 @@ impl Owners {
                 None => (near.first().copied().unwrap_or(0), false),
             }
         };
-        let owners: Vec<(u32, bool)> = samples.positions.par_iter().map(owner).collect();
+        let owners: Vec<(u32, bool)> = samples
+            .positions
+            .par_iter()
+            .enumerate()
+            .map(owner)
+            .collect();
         drop(tree);
         progress.check()?;
         let mut owners = Owners {

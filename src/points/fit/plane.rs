@@ -97,53 +97,72 @@ impl Plane {
 pub(super) struct Around<'a> {
     /// Nearest first.
     pub places: &'a [Vec3],
+    /// Where they and the point were seen from: unit vectors, zero where that is unknown; empty if it is of all.
+    pub views: &'a [Vec3],
+    pub view: Vec3,
     /// No place is farther.
     pub radius: f32,
     pub noise: f32,
 }
 
+/// Cosine from which on a view tells the side: normals are off by a degree or two.
+pub(super) const PLAIN: f32 = 0.03;
+
+/// Whether a surface with this normal may have been seen from both of two directions: not from its two sides.
+pub(super) fn same_side(normal: Vec3, a: Vec3, b: Vec3) -> bool {
+    let [a, b] = [a, b].map(|view| normal.dot(view));
+    a * b >= 0.0 || a.abs().min(b.abs()) < PLAIN
+}
+
 impl Around<'_> {
-    /// The same as one deviation.
-    fn tolerance(&self, place: Vec3) -> f32 {
-        self.noise + BENT * place.length_squared() / (OFF * self.radius)
+    /// Whether place k was seen on the same side of a plane as the point.
+    pub fn is_seen_with(&self, normal: Vec3, k: usize) -> bool {
+        self.views.is_empty() || same_side(normal, self.view, self.views[k])
     }
 
-    /// How far a place may be off the tangent plane and still be of the surface.
-    pub fn off(&self, place: Vec3) -> f32 {
-        OFF * self.tolerance(place)
+    /// How far place k is off the surface with this tangent plane, in what is allowed.
+    pub fn off(&self, plane: &Plane, k: usize) -> f32 {
+        let place = self.places[k];
+        match self.is_seen_with(plane.normal, k) {
+            true => plane.height(place).abs() / allowed(place, self.radius, self.noise),
+            false => f32::INFINITY,
+        }
     }
 
-    /// Whether a place is on the surface with this tangent plane.
-    pub fn is_on(&self, plane: &Plane, place: Vec3) -> bool {
-        plane.height(place).abs() <= self.off(place)
+    fn weight(&self, plane: &Plane, k: usize) -> f32 {
+        let height = OFF * self.off(plane, k);
+        (-0.5 * height * height).exp() * self.near(k)
     }
 
-    fn weight(&self, plane: &Plane, place: Vec3) -> f32 {
-        let height = plane.height(place) / self.tolerance(place);
-        let near = 1.0 - place.length_squared() / (self.radius * self.radius);
-        (-0.5 * height * height).exp() * near.max(0.05)
+    /// What place k counts for its distance.
+    pub fn near(&self, k: usize) -> f32 {
+        let part = self.places[k].length_squared() / (self.radius * self.radius);
+        (1.0 - part).max(0.05)
     }
 
     /// The plane through the point that most places agree with; `None` where they lie on no plane.
     pub fn plane(&self, random: &mut Pcg64Mcg) -> Option<Plane> {
-        let places = self.places;
-        if places.len() < 3 {
+        let (places, n) = (self.places, self.places.len());
+        if n < 3 {
             return None;
         }
-        let step = places.len().div_ceil(JUDGES);
-        let judges = || places.iter().step_by(step);
-        let agreement = |plane: &Plane| judges().map(|&p| self.weight(plane, p)).sum::<f32>();
+        let step = n.div_ceil(JUDGES);
+        let agreement = |plane: &Plane| {
+            (0..n)
+                .step_by(step)
+                .map(|k| self.weight(plane, k))
+                .sum::<f32>()
+        };
         let through = |normal: Vec3| Plane {
             normal,
             centre: Vec3::ZERO,
             along: [0.0; 2],
         };
         let even = |count: usize| {
-            let of = places[..count.min(places.len())].iter().map(|&p| (p, 1.0));
+            let of = places[..count.min(n)].iter().map(|&p| (p, 1.0));
             Weighted::of(of).plane()
         };
-        let of_all = even(places.len());
-        let mut best = of_all.or_else(|| even(AT_LEAST))?;
+        let mut best = even(n).or_else(|| even(AT_LEAST))?;
         let mut most = agreement(&best);
         let mut consider = |plane: Plane| {
             let agree = agreement(&plane);
@@ -152,9 +171,9 @@ impl Around<'_> {
             }
         };
         even(2 * AT_LEAST).into_iter().for_each(&mut consider);
-        let drawn_from = places.len().min(DRAWN_FROM);
+        let drawn_from = n.min(DRAWN_FROM);
         // In a dense footprint the nearest are too near to tell a direction in the noise.
-        let stride = (places.len() / DRAWN_FROM).max(1);
+        let stride = (n / DRAWN_FROM).max(1);
         for _ in 0..TRIALS {
             let [a, b] = [(); 2].map(|()| places[stride * random.random_range(0..drawn_from)]);
             let across = a.cross(b);
@@ -163,11 +182,16 @@ impl Around<'_> {
             }
         }
         for _ in 0..ROUNDS {
-            let weighted = places.iter().map(|&p| (p, self.weight(&best, p)));
+            let weighted = (0..n).map(|k| (places[k], self.weight(&best, k)));
             best = Weighted::of(weighted).plane()?;
         }
         Some(best)
     }
+}
+
+/// How far a place may be off a tangent plane, with a footprint of this radius, and still be of the surface.
+pub(super) fn allowed(place: Vec3, radius: f32, noise: f32) -> f32 {
+    OFF * noise + BENT * place.length_squared() / radius
 }
 
 /// Places that a plane is laid through, at least.

@@ -10,9 +10,9 @@ use rayon::prelude::*;
 use super::curved::deviation;
 use crate::error::{Error, Result};
 use crate::octree::morton_codes;
-use crate::points::PointCloud;
 use crate::points::neighbours::{Last, Neighbours, runs};
 use crate::points::select::middle;
+use crate::points::{Facing, PointCloud};
 use crate::progress::Progress;
 use crate::random::{Purpose, stream};
 use crate::scene::LARGEST;
@@ -37,6 +37,9 @@ pub(super) struct Samples {
     pub positions: Vec<Vec3>,
     /// Indices in the cloud.
     pub points: Vec<u32>,
+    /// Unit vectors to where the points were seen from, or their own normals; zero where neither is known, and empty
+    /// if that is so of all.
+    views: Vec<Vec3>,
 }
 
 /// What the points tell of the surface around each of them, one entry a sample.
@@ -50,7 +53,7 @@ pub(super) struct Scale {
 impl Samples {
     /// # Errors
     /// [`Error::Invalid`] if no point has finite coordinates.
-    pub fn of(cloud: &PointCloud, progress: &dyn Progress) -> Result<Samples> {
+    pub fn of(cloud: &PointCloud, facing: &Facing, progress: &dyn Progress) -> Result<Samples> {
         let placed = |i: usize| cloud.positions[i].abs().cmple(DVec3::splat(LARGEST)).all();
         let Some(origin) = middle(cloud, placed) else {
             return Err(Error::Invalid("no point has finite coordinates".into()));
@@ -65,12 +68,32 @@ impl Samples {
         keys.par_sort_unstable();
         let points: Vec<u32> = keys.into_par_iter().map(|(_, i)| i).collect();
         let positions: Vec<Vec3> = points.par_iter().map(place).collect();
+        let view = |&i: &u32| {
+            let i = i as usize;
+            let given = cloud.normals.get(i).and_then(|n| n.try_normalize());
+            let seen = || {
+                (facing.viewpoint(cloud, i)? - cloud.positions[i])
+                    .as_vec3()
+                    .try_normalize()
+            };
+            given.or_else(seen).unwrap_or_default()
+        };
+        let mut views: Vec<Vec3> = points.par_iter().map(view).collect();
+        if views.par_iter().all(|view| *view == Vec3::ZERO) {
+            views = Vec::new();
+        }
         progress.check()?;
         Ok(Samples {
             origin,
+            views,
             positions,
             points,
         })
+    }
+
+    /// From where a sample was seen, if that is known of any.
+    pub fn view(&self, k: u32) -> Option<Vec3> {
+        self.views.get(k as usize).copied()
     }
 
     pub fn len(&self) -> usize {

@@ -39,8 +39,6 @@ const RAYS: usize = 12;
 const ABOVE: f32 = 0.3;
 /// Discs of this radius, in sizes, close the surface.
 const DISC: f32 = 0.85;
-/// A piece that is torn between what its two sides see goes on as its neighbours do, if those agree this much.
-const CONTINUED: f64 = 0.5;
 /// Lamps that are asked.
 const LAMPS: usize = 16;
 /// What is told says as much as this many sides' rays.
@@ -91,7 +89,7 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
     progress.check()?;
     let views = Views::of(patches, &pieces, known.lamps);
     progress.check()?;
-    let (around, truth) = (pieces.count as u32, pieces.count as u32 + 1);
+    let truth = pieces.count as u32 + 1;
     let mut votes = views.votes.clone();
     votes.extend_from_slice(&beside);
     let mut told = vec![0.0; pieces.count];
@@ -99,7 +97,12 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
         let told_here = f64::from(known.told[i]) * area(&patches[i]);
         told[piece as usize] += TOLD * if flip { -told_here } else { told_here };
     }
-    votes.extend((0..).zip(told).filter(|t| t.1 != 0.0).map(|(p, t)| (p, truth, t)));
+    votes.extend(
+        (0..)
+            .zip(told)
+            .filter(|t| t.1 != 0.0)
+            .map(|(p, t)| (p, truth, t)),
+    );
     let mut votes = summed(votes);
     votes.retain(|v| v.0 != v.1);
     let mut signs = decided(pieces.count + 2, &votes);
@@ -108,7 +111,7 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
     if turned {
         signs.iter_mut().for_each(|s| *s = -*s);
     }
-    // What is said for the sign of a piece, of all that is said: by what it sees, by its neighbours, by all.
+    // What is said for the sign of a piece, of all that is said: by what it sees, and by all.
     let count = |votes: &[Vote]| {
         let mut sums = vec![(0.0, 0.0); pieces.count + 2];
         for &(p, q, vote) in votes {
@@ -122,7 +125,7 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
         sums
     };
     let add = |a: (f64, f64), b: (f64, f64)| (a.0 + b.0, a.1 + b.1);
-    let [seen, by_neighbours, by_all] = [&views.votes, &beside, &votes].map(|votes| count(votes));
+    let [seen, by_all] = [&views.votes, &votes].map(|votes| count(votes));
     let mut points = vec![0; pieces.count];
     for (&(p, _), count) in pieces.of.iter().zip(known.points) {
         points[p as usize] += count;
@@ -136,10 +139,7 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
         .of
         .iter()
         .map(|&(p, flip)| flip != (signs[p as usize] < 0.0));
-    let unsure = |p: usize| {
-        let (agree, whole) = by_neighbours[p];
-        torn(add(by_all[p], views.own[p])) && (agree < CONTINUED * whole || whole == 0.0)
-    };
+    let unsure = |p: usize| torn(add(by_all[p], views.own[p]));
     let hanging = |p: usize| torn(add(seen[p], views.own[p])) && points[p] < FEW;
     let of_pieces = |is: &dyn Fn(usize) -> bool| -> Vec<bool> {
         let of: Vec<bool> = (0..pieces.count).map(is).collect();
@@ -415,7 +415,12 @@ fn whole(
         return (signs[pieces.count + 1] < 0.0, by);
     }
     // Lamps hang in free space.
-    let lit: f64 = views.lit.iter().zip(signs).map(|(lit, sign)| lit * sign).sum();
+    let lit: f64 = views
+        .lit
+        .iter()
+        .zip(signs)
+        .map(|(lit, sign)| lit * sign)
+        .sum();
     if lit != 0.0 {
         return (lit < 0.0, "turned to the lamps");
     }
