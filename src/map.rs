@@ -91,6 +91,14 @@ impl IlluminationMap {
             let place = (cloud.positions[i] - surfels.origin).as_vec3();
             // Of two sides the one with more light.
             let on_side = |k: usize| {
+                // What was told may have turned it.
+                let given = given.map(|n| {
+                    if n.dot(surfels.normals[k]) < 0.0 {
+                        -n
+                    } else {
+                        n
+                    }
+                });
                 let normal = given.unwrap_or(surfels.normals[k]);
                 let mut around = match &tree {
                     Some(tree) if left_out(&i) => around(surfels, tree, place, normal),

@@ -1,10 +1,10 @@
 //! From a cloud to surfels: what is repaired, moved, merged and left out.
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::cells::{Cell, MAX_EDGES};
-use super::fit::{Evidence, Extents, fit};
+use super::fit::Extents;
 use super::neighbours::{Last, Neighbour, Neighbours, RUN};
 use super::rule::SurfaceRule;
 use super::select::select;
@@ -17,7 +17,6 @@ use crate::memory;
 use crate::octree::morton_codes;
 use crate::progress::Progress;
 use crate::scene::BRIGHTEST;
-use crate::visibility::NO_SURFEL;
 
 /// How many of the points become surfels.
 #[derive(Clone, Copy, Debug, Default)]
@@ -33,23 +32,12 @@ pub struct Thinning {
 
 /// Surfels that are enough for a tolerance: in a scanned room 280,000 are off by 2.3%. The error of the
 /// model falls with the distance of the points, the root of their number.
-const ENOUGH: f64 = 3e5;
-const ENOUGH_FOR: f64 = 0.03;
+pub(super) const ENOUGH: f64 = 3e5;
+pub(super) const ENOUGH_FOR: f64 = 0.03;
 /// A cloud of up to so many times more is taken as it is.
 const LEEWAY: f64 = 1.5;
 
 impl Thinning {
-    /// Surfels that a fitted surface has at most.
-    fn wanted(&self) -> usize {
-        match (self.max_points, self.enough_for) {
-            (Some(most), _) => most,
-            (None, Some(tolerance)) => {
-                (ENOUGH * (ENOUGH_FOR / tolerance).powi(2).max(1.0)) as usize
-            }
-            (None, None) => ALL,
-        }
-    }
-
     /// Surfels that a cloud of so many points has at most, if that is known before.
     pub(crate) fn most(&self, points: usize) -> Option<usize> {
         match (self.spacing, self.max_points, self.enough_for) {
@@ -72,27 +60,24 @@ pub struct Prepared {
     /// How good the cloud is as a surface.
     pub quality: Quality,
     /// Areas of the surfels in the cloud; 0 where it has none.
-    given_areas: Vec<f32>,
+    pub(super) given_areas: Vec<f32>,
     /// Of fitted surfels: no other one of the same surface is nearer, and no cell much wider.
-    sizes: Vec<f32>,
-    extents: Extents,
+    pub(super) sizes: Vec<f32>,
+    pub(super) extents: Extents,
     /// What the cells are made by.
-    rule: SurfaceRule,
+    pub(super) rule: SurfaceRule,
     /// Distance of the farthest neighbour that a cell is made from.
-    reach: Vec<f32>,
+    pub(super) reach: Vec<f32>,
 }
 
 /// Cells made between two looks at whether the work should stop.
-const BLOCK: usize = 1 << 16;
+pub(super) const BLOCK: usize = 1 << 16;
 /// Neighbours that a cell is made from.
-const NEIGHBOURS: usize = 24;
+pub(super) const NEIGHBOURS: usize = 24;
 /// Times that points are moved at most.
 const MOVES: usize = 3;
 /// Surfels among which the one is looked for whose light a point gets that was left out.
 const HEIRS: usize = 8;
-
-/// Surfels that are wanted of a cloud that is not thinned out.
-const ALL: usize = usize::MAX;
 
 impl Surfels {
     /// The surfels of a cloud whose points have normals: unusable points left out, points at one place merged, points and normals
@@ -105,49 +90,6 @@ impl Surfels {
     /// [`Error::TooLarge`] for one that cannot be lit in the memory that is free.
     pub fn prepare(cloud: &PointCloud, progress: &dyn Progress) -> Result<Prepared> {
         Surfels::prepare_fewer(cloud, &Thinning::default(), progress)
-    }
-
-    /// The surfels of a scan: those of a surface that is fitted to its points, if not all of them have
-    /// normals, and else [the points themselves](Surfels::prepare).
-    ///
-    /// # Errors
-    /// Those of [`prepare`](Surfels::prepare), and [`Error::Invalid`] for points that make no surface.
-    pub fn of_scan(
-        cloud: &PointCloud,
-        evidence: &Evidence,
-        thinning: &Thinning,
-        progress: &dyn Progress,
-    ) -> Result<Prepared> {
-        let bare = |n: &Vec3| !n.is_finite() || *n == Vec3::ZERO;
-        if cloud.normals.len() == cloud.len() && !cloud.normals.par_iter().any(bare) {
-            return Surfels::prepare_fewer(cloud, thinning, progress);
-        }
-        check(cloud)?;
-        let most = thinning.wanted();
-        memory::check_points(most.min(cloud.len()) as u64)?;
-        let fitted = fit(cloud, evidence, thinning.spacing, most, progress)?;
-        let n = fitted.surfels.len();
-        let mut prepared = Prepared {
-            quality: Quality {
-                unusable: fitted.unplaced,
-                strays: fitted.strays,
-                unsure: fitted.unsure,
-                ..Quality::default()
-            },
-            given_areas: vec![0.0; n],
-            rule: SurfaceRule::default(),
-            reach: vec![0.0; n],
-            repairs: cloud.repairs.clone(),
-            sizes: fitted.sizes,
-            extents: fitted.extents,
-            surfels: fitted.surfels,
-            surfel_of_point: fitted.surfel_of_point,
-        };
-        prepared.quality.count(cloud);
-        prepared.tell(fitted.how);
-        prepared.make_fitted_cells(progress)?;
-        prepared.quality.measure(&prepared.surfels);
-        Ok(prepared)
     }
 
     /// The same of fewer points, evenly spread: the others take their light from them.
@@ -209,7 +151,7 @@ impl Surfels {
 
 impl Surfels {
     /// Cells and what follows from them, still empty.
-    fn make_room(&mut self, occluder_scale: f32) {
+    pub(super) fn make_room(&mut self, occluder_scale: f32) {
         let n = self.len();
         self.occluder_scale = occluder_scale;
         self.areas = vec![0.0; n];
@@ -219,25 +161,6 @@ impl Surfels {
             tangents: vec![Vec3::ZERO; n],
             corners: vec![[Vec2::ZERO; MAX_EDGES]; n],
         };
-    }
-
-    /// Gives a surfel the cell of the one at the same place that faces the other way.
-    fn mirror(&mut self, of: usize, to: usize) {
-        self.areas[to] = self.areas[of];
-        self.offsets[to] = self.offsets[of];
-        self.depths[to] = self.depths[of];
-        self.cells.tangents[to] = self.cells.tangents[of];
-        let corners = self.cells.corners[of];
-        // The bitangent is the opposite one, so that corners go round the other way.
-        let last = MAX_EDGES - 1;
-        let count = (0..last)
-            .position(|k| corners[k] == corners[last])
-            .unwrap_or(last)
-            + 1;
-        self.cells.corners[to] = std::array::from_fn(|k| {
-            let corner = corners[count - 1 - k.min(count - 1)];
-            Vec2::new(corner.x, -corner.y)
-        });
     }
 }
 
@@ -461,110 +384,6 @@ impl Prepared {
         Ok(strays)
     }
 
-    /// What was done, in words.
-    fn tell(&mut self, how: &str) {
-        let fronts = self.given_areas.len()
-            - self
-                .surfels
-                .backs
-                .iter()
-                .filter(|b| **b != NO_SURFEL)
-                .count()
-                / 2;
-        self.repairs.push(format!(
-            "no normals: a surface of {fronts} surfels fitted to the points, {how}"
-        ));
-        if self.quality.unsure > 0.0 {
-            self.repairs.push(format!(
-                "{:.1}% of the surface: nothing says which side is lit: lit on both, points get the brighter light",
-                100.0 * self.quality.unsure
-            ));
-        }
-        for (count, what) in [
-            (
-                self.quality.unusable,
-                "points with coordinates that are not finite or beyond 1e12: left out, no light",
-            ),
-            (
-                self.quality.strays,
-                "points that belong to no surface: lit, but in nobody's way",
-            ),
-        ] {
-            if count > 0 {
-                self.repairs.push(format!("{count} {what}"));
-            }
-        }
-    }
-
-    /// Cells, areas and offsets of fitted surfels. Where two are at one place, both have one cell.
-    fn make_fitted_cells(&mut self, progress: &dyn Progress) -> Result<()> {
-        let n = self.surfels.len();
-        let is_front = |&i: &usize| self.surfels.back(i).is_none_or(|back| i < back);
-        let fronts: Vec<u32> = (0..n).filter(is_front).map(|i| i as u32).collect();
-        progress.stage("cells", fronts.len() as u64);
-        let positions: Vec<Vec3> = fronts
-            .iter()
-            .map(|&i| self.surfels.positions[i as usize])
-            .collect();
-        let neighbours = Neighbours::new(&positions)?;
-        let normals: Vec<Vec3> = fronts
-            .iter()
-            .map(|&i| self.surfels.normals[i as usize])
-            .collect();
-        self.rule = SurfaceRule::measure(&normals, &neighbours);
-        self.quality.noise = self.rule.noise;
-        self.quality.scatter = self.rule.roughness.atan().to_degrees();
-        self.surfels.make_room(self.rule.scale as f32);
-        let mut along: Vec<u32> = along_curve(&positions);
-        for block in along.chunks_mut(BLOCK) {
-            progress.check()?;
-            let of_run = |near: &mut (Vec<(u32, DVec3)>, Vec<Neighbour>), run: &[u32]| {
-                let mut last = Last::default();
-                let cell = |&k: &u32| {
-                    let (k, i) = (k as usize, fronts[k as usize]);
-                    neighbours.next_nearest(k, NEIGHBOURS, &mut last, &mut near.0);
-                    let normal = normals[k].as_dvec3();
-                    let both = self.surfels.back(i as usize).is_some();
-                    near.1.clear();
-                    near.1.extend(near.0.iter().map(|&(j, offset)| {
-                        let other = normals[j as usize].as_dvec3();
-                        let either =
-                            both || self.surfels.back(fronts[j as usize] as usize).is_some();
-                        let flat = offset.dot(normal).abs() < BESIDE * offset.length();
-                        let turned = either && flat && other.dot(normal) < 0.0;
-                        Neighbour {
-                            offset,
-                            normal: if turned { -other } else { other },
-                        }
-                    }));
-                    let size = f64::from(self.sizes[i as usize]);
-                    let end = |way: DVec3| f64::from(self.extents.reach(i as usize, way.as_vec3()));
-                    (
-                        i,
-                        Cell::new(normal, &near.1, &self.rule, size, size, Some(&end)),
-                    )
-                };
-                run.iter().map(cell).collect::<Vec<_>>()
-            };
-            let made: Vec<(u32, Cell)> = block
-                .par_chunks(RUN)
-                .map_init(Default::default, of_run)
-                .flatten_iter()
-                .collect();
-            for (i, cell) in &made {
-                self.set(*i as usize, cell);
-            }
-            progress.advance(block.len() as u64);
-        }
-        for i in 0..n {
-            if let Some(back) = self.surfels.back(i).filter(|&back| i < back) {
-                self.surfels.depths[i] = 0.0;
-                self.surfels.mirror(i, back);
-            }
-        }
-        Ok(())
-    }
-
     /// Makes the cells anew of which a neighbour is gone: those places are theirs now.
     fn mend_cells(&mut self, gone: &[Vec3]) -> Result<()> {
         let positions = std::mem::take(&mut self.surfels.positions);
@@ -616,7 +435,7 @@ impl Prepared {
     }
 
     /// Gives a surfel its cell and what follows from it.
-    fn set(&mut self, i: usize, cell: &Cell) {
+    pub(super) fn set(&mut self, i: usize, cell: &Cell) {
         let surfels = &mut self.surfels;
         let given = self.given_areas[i];
         surfels.areas[i] = if given > 0.0 { given } else { cell.area as f32 };
@@ -628,11 +447,8 @@ impl Prepared {
     }
 }
 
-/// Neighbours that rise less than this part of their distance go on in the plane of a surfel.
-const BESIDE: f64 = 0.3;
-
 /// All places along a Morton curve: those that follow one another are close together.
-fn along_curve(positions: &[Vec3]) -> Vec<u32> {
+pub(super) fn along_curve(positions: &[Vec3]) -> Vec<u32> {
     let mut keys: Vec<(u64, u32)> = morton_codes(positions)
         .zip(0..positions.len() as u32)
         .collect();

@@ -307,13 +307,15 @@ impl Cover<'_> {
                 });
                 on as f32 >= WHOLE * all as f32 && model.off(&around, 0) <= 1.0
             };
-            let flat = around.plane(&mut random).map(Model::Flat)?;
-            let model = match is_whole(&flat) {
+            let plane = around.plane(&mut random)?;
+            let flat = Model::Flat(plane);
+            let model = match is_whole(&flat) && around.is_flat(&plane) {
                 true => flat,
                 false => {
-                    let curved = Curved::fit(&around, &flat.tangent()).map(Model::Curved);
+                    let curved = Curved::fit(&around, &plane).map(Model::Curved);
                     match curved.filter(is_whole) {
                         Some(curved) => curved,
+                        None if is_whole(&flat) => flat,
                         None if widened == 0 && size > least => {
                             size = least.max(0.5 * size);
                             continue;

@@ -18,6 +18,8 @@ pub(super) const OFF: f32 = 2.5;
 /// A surface bends away from its tangent plane by up to this part of r² / R within the radius R: one
 /// whose radius of curvature is 2.5 R or more is met whole, a rounder one near the point.
 const BENT: f32 = 0.2;
+/// Points off a plane by this many deviations of their noise, in the mean, say that the surface bends.
+const BENDING: f32 = 1.5;
 /// A plane whose points lie within such a part of their length across is a line.
 const LINE: f32 = 0.04;
 
@@ -127,6 +129,15 @@ impl Around<'_> {
             true => plane.height(place).abs() / allowed(place, self.radius, self.noise),
             false => f32::INFINITY,
         }
+    }
+
+    /// Whether the surface does not bend: places on it are off the plane as the noise is, and no more.
+    pub fn is_flat(&self, plane: &Plane) -> bool {
+        let on = (0..self.places.len()).filter(|&k| self.off(plane, k) <= 1.0);
+        let (square, count) = on.fold((0.0, 0.0), |(square, count), k| {
+            (square + plane.height(self.places[k]).powi(2), count + 1.0)
+        });
+        square <= (BENDING * self.noise).powi(2) * count
     }
 
     fn weight(&self, plane: &Plane, k: usize) -> f32 {

@@ -24,8 +24,10 @@ const PROBES: usize = 4000;
 const ASKED: usize = 9;
 /// Neighbours that a paraboloid is laid through for that: the fewest that lie on one.
 const SCALES: [usize; 7] = [16, 32, 64, 128, 256, 512, 1024];
-/// Points lie on a paraboloid if they are off it by less than this part of its radius, in the mean.
-const FLAT: f32 = 0.04;
+/// Points lie on a paraboloid if they are off it by less than this part of its radius, in the mean: surely, and perhaps.
+const FLAT: [f32; 2] = [0.04, 0.12];
+/// Places that are sure of it are asked alone, if they are this part of all.
+const ENOUGH: f64 = 0.25;
 /// Noise below this part of the spacing is taken for this: planes stand for curved surfaces.
 const LEAST_NOISE: f32 = 0.01;
 
@@ -124,13 +126,19 @@ impl Scale {
         let spacing: Vec<f32> = runs(0..n).flat_map_iter(spacing).collect();
         progress.check()?;
         let step = n.div_ceil(PROBES).max(1);
-        let probes: Vec<(Vec3, f32)> = (0..n.div_ceil(step))
+        let probes: Vec<(Vec3, [Option<f32>; 2])> = (0..n.div_ceil(step))
             .into_par_iter()
-            .filter_map(|k| {
+            .map(|k| {
                 let mut random = stream(0, Purpose::Fit, k as u64);
                 let i = (k * step + random.random_range(0..step)).min(n - 1);
-                Some((positions[i], noise_at(i, neighbours)?))
+                (positions[i], noise_at(i, neighbours))
             })
+            .collect();
+        // Where few are sure, as in a cloud that is all noise, the others have to do.
+        let sure = probes.iter().filter(|p| p.1[0].is_some()).count();
+        let which = usize::from((sure as f64) < ENOUGH * probes.len() as f64);
+        let probes: Vec<(Vec3, f32)> = (probes.into_iter())
+            .filter_map(|(place, noise)| Some((place, noise[which]?)))
             .collect();
         let places: Vec<Vec3> = probes.iter().map(|p| p.0).collect();
         let tree = match places.is_empty() {
@@ -158,16 +166,25 @@ impl Scale {
     }
 }
 
-/// Deviation of the points from the paraboloid of the fewest neighbours that lie on one.
-fn noise_at(i: usize, neighbours: &Neighbours) -> Option<f32> {
+/// Deviation of the points from the paraboloid of the fewest neighbours that surely lie on one, and that may do.
+fn noise_at(i: usize, neighbours: &Neighbours) -> [Option<f32>; 2] {
     let mut near = Vec::new();
     neighbours.nearest(i, SCALES[SCALES.len() - 1], &mut near);
     let places: Vec<Vec3> = near.iter().map(|n| n.1.as_vec3()).collect();
-    SCALES
-        .iter()
-        .take_while(|&&k| k <= places.len())
-        .find_map(|&k| {
-            let rms = deviation(&places[..k])?;
-            (rms < FLAT * places[k - 1].length()).then_some(rms)
-        })
+    let mut found = [None; 2];
+    for &k in SCALES.iter().take_while(|&&k| k <= places.len()) {
+        let radius = places[k - 1].length();
+        let Some(rms) = deviation(&places[..k]) else {
+            continue;
+        };
+        for (found, flat) in found.iter_mut().zip(FLAT) {
+            if found.is_none() && rms < flat * radius {
+                *found = Some(rms);
+            }
+        }
+        if found[0].is_some() {
+            break;
+        }
+    }
+    found
 }

@@ -38,7 +38,7 @@ const RAYS: usize = 12;
 /// Height of a ray's start over its surfel, in sizes.
 const ABOVE: f32 = 0.3;
 /// Discs of this radius, in sizes, close the surface.
-const DISC: f32 = 0.85;
+const DISC: f32 = 1.4;
 /// Lamps that are asked.
 const LAMPS: usize = 16;
 /// What is told says as much as this many sides' rays.
@@ -50,6 +50,10 @@ const SURE: f64 = 0.3;
 const FEW: u32 = 32;
 /// Of a closed surface fewer rays than this leave the inside.
 const CLOSED: f64 = 0.08;
+/// Outside of a body is what more rays than this leave from; where this part of the area or more has no such side,
+/// the cloud is a room with something in it.
+const SEEN_OUT: f64 = 0.05;
+const UNSEEN: f64 = 0.15;
 /// Shares that differ by less do not tell the sides apart.
 const ALIKE: f64 = 0.05;
 /// Ground is a surface whose area, seen from above, is more than this part of the whole.
@@ -131,10 +135,6 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
         points[p as usize] += count;
     }
     let torn = |(sum, whole): (f64, f64)| sum < SURE * whole;
-    let mut points = vec![0; pieces.count];
-    for (&(p, _), count) in pieces.of.iter().zip(known.points) {
-        points[p as usize] += count;
-    }
     let flipped = pieces
         .of
         .iter()
@@ -388,7 +388,8 @@ fn whole(
         all += area(patch);
     }
     middle /= all;
-    let (mut flow, mut most, mut up, mut leave) = (0.0, 0.0, 0.0, [0.0; 2]);
+    let (mut flow, mut most, mut up) = (0.0, 0.0, 0.0);
+    let (mut leave, mut enclosed) = ([0.0; 2], [0.0; 2]);
     for (patch, &(p, flip)) in patches.iter().zip(&pieces.of) {
         let sign = signs[p as usize] * if flip { -1.0 } else { 1.0 };
         let normal = sign * area(patch) * patch.normal.as_dvec3();
@@ -402,7 +403,10 @@ fn whole(
         } else {
             of_piece
         };
-        (leave.iter_mut().zip(of_sides)).for_each(|(l, share)| *l += area(patch) / all * share);
+        for side in 0..2 {
+            leave[side] += area(patch) / all * of_sides[side];
+            enclosed[side] += area(patch) / all * f64::from(u8::from(of_sides[side] < SEEN_OUT));
+        }
     }
     let sided = flow.abs() > SIDED * most;
     match known.facing {
@@ -431,7 +435,12 @@ fn whole(
             "turned up (--normals viewpoint:X,Y,Z tells where it was seen from)",
         );
     }
+    let out = usize::from(back > front);
     match front.min(back) < CLOSED {
+        true if enclosed[out] > UNSEEN => (
+            front > back,
+            "turned inward as in a room (--normals outward turns them)",
+        ),
         true => (
             front < back,
             "turned outward as on a closed body (--normals inward turns them)",
