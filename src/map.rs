@@ -56,13 +56,33 @@ pub(crate) struct Lamp<'a> {
 }
 
 impl IlluminationMap {
+    /// Hands the irradiance of surfels to the points of the cloud, whose places among the surfels are given.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`](crate::Error::Interrupted) if `progress` asks to stop.
+    pub fn new(
+        cloud: &PointCloud,
+        places: &[Option<u32>],
+        surfels: &Surfels,
+        irradiance: &[DVec3],
+        progress: &dyn Progress,
+    ) -> Result<IlluminationMap> {
+        let lit = Lit {
+            surfels,
+            irradiance,
+            lamps: Vec::new(),
+            occluders: None,
+        };
+        IlluminationMap::of(cloud, places, &lit, progress)
+    }
+
     /// Hands the light of surfels to the points of the cloud, whose places among the surfels are given. Points
     /// beside the surfel that stands for them get what lies between the surfels around that face the same
     /// way.
     ///
     /// # Errors
     /// [`Error::Interrupted`](crate::Error::Interrupted) if `progress` asks to stop.
-    pub(crate) fn new(
+    pub(crate) fn of(
         cloud: &PointCloud,
         places: &[Option<u32>],
         lit: &Lit,

@@ -226,7 +226,11 @@ fn noise_tilts_normals_no_more_than_it_must() {
                 "torus" | "wall, 2 spacings" => 2.0,
                 _ => 0.0,
             };
-            assert!(found.median < median + rough);
+            assert!(
+                found.median < median + rough,
+                "{name}, {noise}: {}",
+                found.median
+            );
             let wrong = if name == "cave" { 0.04 } else { 0.005 };
             assert!(
                 found.wrong

@@ -28,6 +28,7 @@ fn lit(n: usize, origin: DVec3) -> (PointCloud, IlluminationMap) {
         irradiance,
         radius: vec![0.25; n],
         in_transport: (0..n).map(|i| i % 3 > 0).collect(),
+        ..IlluminationMap::default()
     };
     (cloud, map)
 }

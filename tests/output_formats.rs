@@ -43,6 +43,7 @@ fn light(n: usize) -> IlluminationMap {
         irradiance,
         radius: vec![0.25; n],
         in_transport: (0..n).map(|i| i % 3 > 0).collect(),
+        ..IlluminationMap::default()
     }
 }
 

@@ -110,7 +110,7 @@ fn visibility_reads_what_rust_writes() {
     same_layout!(&module, Occluder, "Occluder", [
         position => "position", surfel => "surfel",
         normal => "normal", radius_squared => "radius_squared",
-        tangent => "tangent", padding => "padding",
+        tangent => "tangent", back => "back",
         corners => "corners",
     ]);
     assert_eq!(

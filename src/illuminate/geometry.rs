@@ -183,6 +183,6 @@ impl Geometry {
             }
             lit.irradiance = &rest;
         }
-        IlluminationMap::new(&scene.cloud, &self.places, &lit, progress)
+        IlluminationMap::of(&scene.cloud, &self.places, &lit, progress)
     }
 }

@@ -23,7 +23,7 @@ use crate::random::{Purpose, stream};
 /// Radius of the footprint that a surfel is fitted to, in sizes.
 const FOOTPRINT: f32 = 2.0;
 /// A surfel is as large as this many deviations of the noise, so that its footprint tells a direction.
-const NOISE: f32 = 3.0;
+const NOISE: f32 = 5.0;
 /// Where less than this part of the points within its size lie on its plane, a surfel is too large for what
 /// is there: boards, posts, pipes, edges.
 const WHOLE: f32 = 0.65;

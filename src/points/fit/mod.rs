@@ -111,7 +111,8 @@ pub(super) fn fit(
     for (patch, unsure) in patches.iter_mut().zip(&found.unsure) {
         patch.both = *unsure;
     }
-    if !found.hanging.iter().all(|hanging| *hanging) {
+    let hanging = found.hanging.iter().filter(|hanging| **hanging).count();
+    if (1..patches.len()).contains(&hanging) {
         let mut hanging = found.hanging.iter();
         patches.retain(|_| !hanging.next().is_some_and(|hanging| *hanging));
         owners = Owners::of(&samples, &mut patches, progress)?;

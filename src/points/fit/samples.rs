@@ -22,6 +22,8 @@ const AROUND: usize = 12;
 /// Places that the noise is measured at, and those of them that are asked at a point.
 const PROBES: usize = 4000;
 const ASKED: usize = 9;
+/// Samples that follow one another are asked for together: so many.
+const ALIKE: usize = 16;
 /// Neighbours that a paraboloid is laid through for that: the fewest that lie on one.
 const SCALES: [usize; 7] = [16, 32, 64, 128, 256, 512, 1024];
 /// Points lie on a paraboloid if they are off it by less than this part of its radius, in the mean: surely, and perhaps.
@@ -145,21 +147,22 @@ impl Scale {
             true => None,
             false => Some(Neighbours::new(&places)?),
         };
-        let noise = |i: usize| {
-            let least = LEAST_NOISE * spacing[i];
-            let Some(tree) = &tree else { return least };
+        let noise_of_run = |run: usize| {
+            let Some(tree) = &tree else { return 0.0 };
             let mut around: Vec<f32> = tree
-                .around(positions[i], ASKED)
+                .around(positions[run * ALIKE], ASKED)
                 .iter()
                 .map(|&k| probes[k as usize].1)
                 .collect();
             // Those at edges see more than noise.
             let few = around.len() / 3;
-            around
-                .select_nth_unstable_by(few, f32::total_cmp)
-                .1
-                .max(least)
+            *around.select_nth_unstable_by(few, f32::total_cmp).1
         };
+        let of_runs: Vec<f32> = (0..n.div_ceil(ALIKE))
+            .into_par_iter()
+            .map(noise_of_run)
+            .collect();
+        let noise = |i: usize| of_runs[i / ALIKE].max(LEAST_NOISE * spacing[i]);
         let noise = (0..n).into_par_iter().map(noise).collect();
         progress.check()?;
         Ok(Scale { spacing, noise })
