@@ -30,7 +30,7 @@ fn points_that_cannot_take_part_are_counted() {
         for words in [
             "6, of which 3 take part",
             "repaired    1 points with coordinates that are not finite",
-            "repaired    1 points without normals: estimated",
+            "repaired    1 points without normals: they have those of the nearest",
             "repaired    2 points at the place of another one",
             "repaired    1 lights lie on a surface",
             "repaired    1 surfels lie closer to a light than their own radius",

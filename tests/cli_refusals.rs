@@ -239,7 +239,7 @@ fn clouds_without_surface_are_told() {
         ),
         (
             &["0 0 0 0 0 0", "1 0 0 nan 0 1"],
-            "none of the 2 points has finite coordinates and a normal",
+            "no surface in these 2 points",
         ),
     ] {
         write_scan(&folder, "bad.ply", points);

@@ -25,6 +25,9 @@ const FLAT: f64 = 0.3;
 /// Normals point inward or outward as a whole if this part of the ways from the middle goes along them.
 const SIDED: f64 = 0.01;
 
+/// Where so many of the points have normals, these are taken as they are.
+const MOST: f64 = 0.5;
+
 impl Thinning {
     /// Surfels that a fitted surface has at most.
     fn wanted(&self) -> usize {
@@ -39,7 +42,7 @@ impl Thinning {
 }
 
 impl Surfels {
-    /// The surfels of a scan: those of a surface that is fitted to its points, if not all of them have
+    /// The surfels of a scan: those of a surface that is fitted to its points, if most of them have no
     /// normals, and else [the points themselves](Surfels::prepare).
     ///
     /// # Errors
@@ -50,14 +53,18 @@ impl Surfels {
         thinning: &Thinning,
         progress: &dyn Progress,
     ) -> Result<Prepared> {
-        let bare = |n: &Vec3| !n.is_finite() || *n == Vec3::ZERO;
-        if cloud.normals.len() == cloud.len() && !cloud.normals.par_iter().any(bare) {
-            return match turned(cloud, &evidence.facing) {
-                Some(cloud) => Surfels::prepare_fewer(&cloud, thinning, progress),
-                None => Surfels::prepare_fewer(cloud, thinning, progress),
-            };
-        }
         check(cloud)?;
+        let known = (cloud.normals.par_iter())
+            .filter(|n| has_direction(n))
+            .count();
+        if cloud.is_empty() || known > 0 && known as f64 >= MOST * cloud.len() as f64 {
+            let filled = (known < cloud.len())
+                .then(|| filled(cloud, known))
+                .transpose()?;
+            let cloud = filled.as_ref().unwrap_or(cloud);
+            let turned = turned(cloud, &evidence.facing);
+            return Surfels::prepare_fewer(turned.as_ref().unwrap_or(cloud), thinning, progress);
+        }
         let most = thinning.wanted();
         memory::check_points(most.min(cloud.len()) as u64)?;
         let fitted = fit(cloud, evidence, thinning.spacing, most, progress)?;
@@ -105,6 +112,38 @@ impl Surfels {
     }
 }
 
+fn has_direction(normal: &Vec3) -> bool {
+    normal.is_finite() && *normal != Vec3::ZERO
+}
+
+/// The cloud where each point without a normal has that of the nearest one with a normal.
+fn filled(cloud: &PointCloud, known: usize) -> Result<PointCloud> {
+    let placed = |i: &usize| cloud.positions[*i].abs().cmple(DVec3::splat(LARGEST)).all();
+    let with: Vec<usize> = (0..cloud.len())
+        .filter(|i| has_direction(&cloud.normals[*i]) && placed(i))
+        .collect();
+    let Some(&first) = with.first() else {
+        return Ok(cloud.clone());
+    };
+    let origin = cloud.positions[first];
+    let places: Vec<Vec3> = (with.iter())
+        .map(|&i| (cloud.positions[i] - origin).as_vec3())
+        .collect();
+    let tree = Neighbours::new(&places)?;
+    let mut filled = cloud.clone();
+    for i in (0..cloud.len()).filter(|i| !has_direction(&cloud.normals[*i]) && placed(i)) {
+        let nearest = tree.around((cloud.positions[i] - origin).as_vec3(), 1);
+        if let Some(&k) = nearest.first() {
+            filled.normals[i] = cloud.normals[with[k as usize]];
+        }
+    }
+    filled.repairs.push(format!(
+        "{} points without normals: they have those of the nearest points",
+        cloud.len() - known
+    ));
+    Ok(filled)
+}
+
 /// The cloud with all its normals turned, if as a whole they do not point inward or outward as told.
 fn turned(cloud: &PointCloud, facing: &Facing) -> Option<PointCloud> {
     let (outward, told) = match facing {
@@ -117,7 +156,7 @@ fn turned(cloud: &PointCloud, facing: &Facing) -> Option<PointCloud> {
     let points = cloud.positions.iter().zip(&cloud.normals);
     let (flow, most) = points
         .filter(|(p, _)| placed(**p))
-        .map(|(p, normal)| (*p - middle, normal.as_dvec3().normalize()))
+        .map(|(p, normal)| (*p - middle, normal.as_dvec3().normalize_or_zero()))
         .fold((0.0, 0.0), |(flow, most), (way, normal)| {
             (flow + way.dot(normal), most + way.length())
         });

@@ -86,8 +86,7 @@ pub fn normals() -> Vec<Case> {
         Truth::Known(clean),
     ));
     let none = turned(|_, _, _| DVec3::NAN);
-    let none = Case::new("normals that are no numbers", none, Truth::Sums);
-    cases.push(none.expect(Refused("none of the")));
+    cases.push(Case::new("normals that are no numbers", none, Truth::Sums));
     cases
 }
 

@@ -216,6 +216,22 @@ impl Room {
         })
     }
 
+    /// Distance, in units of `way`, and normal of the surface that a ray meets first.
+    pub fn meets(&self, from: DVec3, way: DVec3) -> Option<(f64, DVec3)> {
+        let (_, hit) = self.first(Ray { from, way })?;
+        Some((hit.distance, hit.normal))
+    }
+
+    /// The place on the surface of this normal that is next to one a little off it.
+    pub fn beside(&self, place: DVec3, normal: DVec3) -> DVec3 {
+        const LITTLE: f64 = 0.02;
+        let from = place + LITTLE * normal;
+        match self.meets(from, -normal) {
+            Some((far, _)) if far < 2.0 * LITTLE => from - far * normal,
+            _ => place,
+        }
+    }
+
     fn first(&self, ray: Ray) -> Option<(&Surface, Hit)> {
         let mut nearest = None;
         let mut limit = f64::INFINITY;

@@ -13,6 +13,8 @@ use crate::visibility::Shape;
 pub const MAGIC: [u8; 8] = *b"fmmgi-op";
 /// Increased with every change of the format, and of what the numbers in it mean.
 pub const VERSION: u32 = 2;
+/// Says that surfels were fitted: no number that damage would leave.
+pub const FITTED: u32 = 0x5449_4654;
 /// Lists of links with expansions, by order, at most.
 pub const ORDERS: usize = 13;
 
@@ -28,7 +30,7 @@ pub struct Header {
     pub fingerprint: [u32; 2],
     pub origin: [[u32; 2]; 3],
     pub occluder_scale: f32,
-    /// 1 if the surfels were fitted to the points.
+    /// [`FITTED`] if the surfels were fitted to the points, or 0.
     pub fitted: u32,
     pub points: u32,
     pub surfels: u32,
@@ -62,7 +64,7 @@ impl Header {
             fingerprint: halves(geometry.fingerprint),
             origin: surfels.origin.to_array().map(|x| halves(x.to_bits())),
             occluder_scale: surfels.occluder_scale,
-            fitted: geometry.fitted.into(),
+            fitted: if geometry.fitted { FITTED } else { 0 },
             points: geometry.places.len() as u32,
             surfels: surfels.len() as u32,
             facets: geometry.octree.facets.len() as u32,

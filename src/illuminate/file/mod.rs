@@ -16,7 +16,7 @@ use std::sync::Arc;
 use bytemuck::cast_slice;
 use glam::{DVec3, Vec3};
 
-use self::header::{Header, ORDERS, VERSION, magic, whole};
+use self::header::{FITTED, Header, ORDERS, VERSION, magic, whole};
 use self::words::{Reader, Writer};
 use super::geometry::Geometry;
 use crate::error::{Error, Result};
@@ -129,6 +129,9 @@ impl Header {
                 "is of version {}, but this program reads version {VERSION}: {again}",
                 self.version
             ));
+        }
+        if ![0, FITTED].contains(&self.fitted) {
+            return Err("is no operator that can be used: surfels of no known origin".into());
         }
         let orders = self.orders as usize;
         let rest = self.m2l.get(orders..).unwrap_or(&[1]);
@@ -254,7 +257,7 @@ impl Arrays {
             fingerprint: whole(header.fingerprint),
             order: header.order as usize,
             repairs: text.lines().map(str::to_owned).collect(),
-            fitted: header.fitted != 0,
+            fitted: header.fitted == FITTED,
             quality: None,
         };
         Ok((geometry, kept))
