@@ -133,7 +133,7 @@ impl IlluminationMap {
                 };
                 let (light, bent) = around.iter().fold((DVec3::ZERO, Vec3::ZERO), sum);
                 let normal = given.unwrap_or(bent.normalize_or(normal));
-                (light + lit.from_lamps(k, place, normal, &around), normal)
+                (light + lit.of_lamps(k, place, normal, &around), normal)
             };
             let radius = match surfels.stands_for(k, cloud.positions[i]) {
                 true => (surfels.areas[k] / PI).sqrt(),
@@ -169,7 +169,7 @@ impl IlluminationMap {
 impl Lit<'_> {
     /// Irradiance from the lamps at a place on the surface of a surfel. Whether a lamp is seen is as the surfels
     /// around say; where they disagree, it is tested.
-    fn from_lamps(&self, k: usize, place: Vec3, normal: Vec3, around: &[(usize, f32)]) -> DVec3 {
+    fn of_lamps(&self, k: usize, place: Vec3, normal: Vec3, around: &[(usize, f32)]) -> DVec3 {
         let surfels = self.surfels;
         let own = surfels.normals[k];
         // Points scatter about their surface, which is no bump that casts a shadow.

@@ -231,7 +231,12 @@ fn noise_tilts_normals_no_more_than_it_must() {
                 "{name}, {noise}: {}",
                 found.median
             );
-            let wrong = if name == "cave" { 0.04 } else { 0.005 };
+            // Noise of a spacing leaves single surfels aside.
+            let wrong = match name {
+                "cave" => 0.04,
+                _ if noise >= 1.0 => 0.02,
+                _ => 0.005,
+            };
             assert!(
                 found.wrong
                     < if name.starts_with("wall") {
