@@ -8,7 +8,7 @@
 set -euo pipefail
 cd "$(dirname "$0")"
 
-all=(picture exact surface tolerance growth blocks lights walls stability rays visibility open order benches chart choices large sky)
+all=(picture exact surface tolerance growth blocks lights walls stability rays visibility open order benches chart choices large sky scans)
 scenes=(cornell organic two_rooms cave)
 out=target/figures
 mkdir -p "$out"
@@ -95,6 +95,31 @@ sky() {
     fi
     clock solve "$STATUE" --sky 1,1,1 --normals outward
     clock solve "$STATUE" --sky 1,1,1 --light point:3,4,5 --normals outward --tolerance 0.01
+}
+
+# Virtual scans with truth: a folder of NAME_LEVEL.laz, .e57, NAME.ref.csv and compare.py.
+scans() {
+    local folder=${VIRTUAL-../shared/virtual} name level file truth
+    if [[ ! -d $folder ]]; then
+        echo "left out: name a folder of virtual scans, VIRTUAL=folder"
+        return
+    fi
+    declare -A lights=(
+        [chapel]="--light point:4,7,4.5:30,27,22 --light point:1,1.2,2:8,7,6"
+        [courtyard]="--light point:6,11.3,2.9:6,5,4 --sky 1,1,1"
+        [workshop]="--light point:4.2,4.6,3.6:40,38,34"
+    )
+    for name in chapel courtyard workshop; do
+        for file in A.laz C.laz D.laz D.e57; do
+            level=${file%%.*}
+            truth=$folder/$name.ref.csv
+            [[ $level == D ]] && truth=$folder/${name}_D.ref.csv
+            printf '%s %s\n' "$name" "$file"
+            # shellcheck disable=SC2086
+            "$program" solve "$folder/${name}_$file" ${lights[$name]} --backend cpu -o "$out/lit.ply" | grep -E '^(time|error)' || true
+            python3 "$folder/compare.py" "$truth" "$out/lit.ply"
+        done
+    done
 }
 
 names=("$@")
