@@ -133,6 +133,7 @@ impl Asked {
                 ..Thinning::default()
             },
             facing: self.normals,
+            half: None,
         }
     }
 

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use fmmgi_gpu::illuminate::checks::Checks;
+use fmmgi_gpu::illuminate::surface_error;
 use fmmgi_gpu::output::{self, Format, write_atomic, write_stats};
 use fmmgi_gpu::{
     Checkpoint, Error, Method, Progress, Result, Scene, Stats, Transport, memory, render,
@@ -104,7 +105,10 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
             None => transport.illuminate(&scene, &progress),
             Some(checkpoint) => transport.illuminate_from(&scene, checkpoint, &progress),
         };
-        Ok((transport, result.map_err(about)?))
+        let mut result = result.map_err(about)?;
+        result.stats.surface_error =
+            surface_error(&scene, &options, backend, &result, &progress).map_err(about)?;
+        Ok((transport, result))
     })?;
     let kept = args.save_operator.as_deref().zip(Some(transport));
 
@@ -233,6 +237,9 @@ fn summary(stats: &Stats, backend: &str, files: &[&Path]) -> String {
             false => ": TOLERANCE NOT MET",
         };
         lines.push(format!("error       {error}{met}"));
+    }
+    if let Some(surface) = &stats.surface_error {
+        lines.push(format!("surface     {surface}"));
     }
     if let Some(model) = stats.model_error {
         let enough = stats.error.map_or(stats.tolerance, |error| error.tolerance);

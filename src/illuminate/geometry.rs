@@ -54,6 +54,7 @@ impl Geometry {
         let evidence = Evidence {
             facing: options.facing,
             lamps: scene.lights.iter().map(|light| light.position).collect(),
+            half: options.half,
         };
         let mut prepared = Surfels::of_scan(cloud, &evidence, &thinning, progress)?;
         let prepare = start.elapsed().as_secs_f64();

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::RAYS;
 use crate::error::{Error, Result};
-use crate::points::{Facing, Thinning};
+use crate::points::{Facing, Half, Thinning};
 use crate::scene::{BRIGHTEST, LARGEST, Scene, TOLERANCES};
 
 /// How the transport operator is applied.
@@ -65,6 +65,8 @@ pub struct Options {
     pub thinning: Thinning,
     /// Which side of a surface is lit, where the points have no normals.
     pub facing: Facing,
+    /// Points that a surface is fitted to, if not all; see [`surface_error`](super::surface_error).
+    pub half: Option<Half>,
 }
 
 impl Options {
@@ -83,6 +85,7 @@ impl Options {
 }
 
 /// Where the passes run.
+#[derive(Clone, Copy)]
 pub enum Backend<'a> {
     /// f32 on all threads of the current rayon pool.
     Cpu,

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::Method;
+use super::SurfaceError;
 use super::checks::Checks;
 use super::verified::Verified;
 use crate::plan::Plan;
@@ -82,9 +83,14 @@ pub struct Stats {
     pub checks: Option<Checks>,
     /// The error of the irradiance, measured; `None` where it is exact or cannot be.
     pub error: Option<Verified>,
+    /// How far the light is off because the surfels are not the scanned surface; `None` where they are the points,
+    /// or where it was not asked for.
+    pub surface_error: Option<SurfaceError>,
     /// What the number of points itself allows, whatever the tolerance: estimated relative L2 error of
     /// the irradiance against the true surface.
     pub model_error: Option<f64>,
+    /// Whether the surfels were fitted to the points, or are the points.
+    pub fitted: bool,
     /// What was repaired or left out, in words with counts.
     pub repairs: Vec<String>,
     /// What was decided and expected beforehand; `None` with an operator from a file.

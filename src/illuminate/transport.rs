@@ -355,7 +355,9 @@ impl Transport {
             row_sum: solved.checked.map(|c| c.row_sum),
             checks: solved.checked.map(|c| c.checks),
             error: solved.verified,
+            surface_error: None,
             model_error: solved.model_error,
+            fitted: geometry.fitted,
             repairs,
             plan: self.plan.clone(),
         };

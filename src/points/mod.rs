@@ -23,7 +23,7 @@ pub use buried::buried;
 pub use cells::{Cells, MAX_EDGES};
 pub use cloud::{DEFAULT_REFLECTANCE, Grid, MAX_COLOUR_REFLECTANCE, PointCloud, Scanner};
 pub use facing::Facing;
-pub use fit::Evidence;
+pub use fit::{Evidence, Half};
 pub(crate) use neighbours::{Last, Neighbours, runs};
 pub(crate) use prepare::check;
 pub use prepare::{Prepared, Thinning};

@@ -33,6 +33,15 @@ pub struct Evidence {
     pub facing: Facing,
     /// Lamps, in the scan's coordinates: they hang in free space.
     pub lamps: Vec<DVec3>,
+    /// Points that the surface is fitted to, if not all: how far two such surfaces differ tells how sure one is.
+    pub half: Option<Half>,
+}
+
+/// One of two disjoint parts of the points, each spread as all are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Half {
+    First,
+    Second,
 }
 
 /// A fitted surface.
@@ -67,13 +76,15 @@ pub(super) fn fit(
     progress: &dyn Progress,
 ) -> Result<Fitted> {
     progress.stage("spacing", 1);
-    let samples = Samples::of(cloud, &evidence.facing, progress)?;
+    let all = Samples::of(cloud, &evidence.facing, progress)?;
+    let half = evidence.half.map(|half| all.half(half));
+    let samples = half.as_ref().unwrap_or(&all);
     let neighbours = Neighbours::new(&samples.positions)?;
-    let scale = Scale::of(&samples, &neighbours, progress)?;
+    let scale = Scale::of(samples, &neighbours, progress)?;
     let size = size
         .map_or(0.0, |size| size as f32)
         .max(cover::size_for(&scale, most));
-    let mut patches = cover::cover(&samples, &scale, &neighbours, size, progress)?;
+    let mut patches = cover::cover(samples, &scale, &neighbours, size, progress)?;
     drop(neighbours);
     if patches.is_empty() {
         return Err(Error::Invalid(format!(
@@ -81,8 +92,8 @@ pub(super) fn fit(
             samples.len()
         )));
     }
-    let mut owners = Owners::of(&samples, &mut patches, progress)?;
-    let told = told(&samples, &patches, &owners);
+    let mut owners = Owners::of(samples, &mut patches, progress)?;
+    let told = told(samples, &patches, &owners);
     let told_by = match evidence.facing {
         _ if cloud.normals.iter().any(|n| *n != Vec3::ZERO) => "turned as the given normals",
         Facing::Viewpoint(_) => "turned to the viewpoint",
@@ -115,18 +126,22 @@ pub(super) fn fit(
     if (1..patches.len()).contains(&hanging) {
         let mut hanging = found.hanging.iter();
         patches.retain(|_| !hanging.next().is_some_and(|hanging| *hanging));
-        owners = Owners::of(&samples, &mut patches, progress)?;
+        owners = Owners::of(samples, &mut patches, progress)?;
     }
     let area = |p: &Patch| f64::from(p.size).powi(2);
     let both = patches.iter().filter(|p| p.both).map(area).sum::<f64>();
     let unsure = both / patches.iter().map(area).sum::<f64>();
+    let of_all = (half.as_ref())
+        .map(|_| Owners::nearest_to(&all, &patches))
+        .transpose()?;
+    let of_all = of_all.as_ref().unwrap_or(&owners);
     let mut fitted = Fitted {
-        extents: owners.extents(&samples, &patches),
-        strays: owners.strays(),
-        unplaced: cloud.len() - samples.len(),
-        surfel_of_point: owners.of_points(cloud.len(), &samples),
+        extents: owners.extents(samples, &patches),
+        strays: of_all.strays(),
+        unplaced: cloud.len() - all.len(),
+        surfel_of_point: of_all.of_points(cloud.len(), &all),
         sizes: patches.iter().map(|p| p.size).collect(),
-        surfels: surfels(cloud, &samples, &patches, &owners),
+        surfels: surfels(cloud, samples, &patches, &owners),
         unsure,
         how: found.how,
     };

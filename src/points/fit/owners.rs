@@ -33,6 +33,16 @@ impl Owners {
     /// # Errors
     /// [`Error::Interrupted`](crate::Error::Interrupted) if `progress` asks to stop.
     pub fn of(samples: &Samples, patches: &mut [Patch], progress: &dyn Progress) -> Result<Owners> {
+        let mut owners = Owners::nearest_to(samples, patches)?;
+        progress.check()?;
+        let nearest = owners.nearest(samples, patches);
+        (patches.iter_mut().zip(nearest)).for_each(|(patch, k)| patch.sample = k);
+        owners.settle(samples, patches);
+        Ok(owners)
+    }
+
+    /// The same for patches that stay as they are.
+    pub fn nearest_to(samples: &Samples, patches: &[Patch]) -> Result<Owners> {
         let places: Vec<Vec3> = patches.iter().map(|p| p.position).collect();
         let tree = Neighbours::new(&places)?;
         let owner = |(sample, &place): (usize, &Vec3)| {
@@ -57,16 +67,10 @@ impl Owners {
             .enumerate()
             .map(owner)
             .collect();
-        drop(tree);
-        progress.check()?;
-        let mut owners = Owners {
+        Ok(Owners {
             owners,
             count: patches.len(),
-        };
-        let nearest = owners.nearest(samples, patches);
-        (patches.iter_mut().zip(nearest)).for_each(|(patch, k)| patch.sample = k);
-        owners.settle(samples, patches);
-        Ok(owners)
+        })
     }
 
     /// Of each patch the sample nearest to it among its own. One that has none takes that which it was fitted at.

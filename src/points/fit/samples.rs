@@ -7,6 +7,7 @@ use glam::{DVec3, Vec3};
 use rand::RngExt;
 use rayon::prelude::*;
 
+use super::Half;
 use super::curved::deviation;
 use crate::error::{Error, Result};
 use crate::octree::morton_codes;
@@ -32,6 +33,9 @@ const FLAT: [f32; 2] = [0.04, 0.12];
 const ENOUGH: f64 = 0.25;
 /// Noise below this part of the spacing is taken for this: planes stand for curved surfaces.
 const LEAST_NOISE: f32 = 0.01;
+
+/// Points of a half, at most: so many tell as well as more how sure a surface is.
+const HALF: usize = 500_000;
 
 /// Points with finite coordinates, along a Morton curve; all arrays have one entry each.
 pub(super) struct Samples {
@@ -102,6 +106,24 @@ impl Samples {
 
     pub fn len(&self) -> usize {
         self.positions.len()
+    }
+
+    /// Every second sample along the curve, or fewer.
+    pub fn half(&self, half: Half) -> Samples {
+        let step = self.len().div_ceil(HALF).max(2);
+        let first = match half {
+            Half::First => 0,
+            Half::Second => step / 2,
+        };
+        fn part<T: Copy>(of: &[T], first: usize, step: usize) -> Vec<T> {
+            of.iter().skip(first).step_by(step).copied().collect()
+        }
+        Samples {
+            origin: self.origin,
+            positions: part(&self.positions, first, step),
+            points: part(&self.points, first, step),
+            views: part(&self.views, first, step),
+        }
     }
 }
 

@@ -1,0 +1,93 @@
+//! How far the light is off because the surfels are not the scanned surface.
+//!
+//! The surface is fitted anew to two disjoint halves of the points, and all is lit by each of them. What
+//! noise, layers, edges, gaps between points and guessed sides change differs from half to half; what
+//! both halves lack, as a hole that no scanner saw, does not, and is not in it.
+
+use std::fmt;
+use std::time::Instant;
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use super::{Backend, Illumination, Options, illuminate};
+use crate::compare::compare;
+use crate::error::Result;
+use crate::points::Half;
+use crate::progress::Progress;
+use crate::scene::Scene;
+
+/// Errors of the irradiance by the surface, relative as [`Comparison`](crate::compare::Comparison) has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SurfaceError {
+    /// Relative L2 error.
+    pub rel_l2: f64,
+    /// Median of the points' errors.
+    pub median: f64,
+    /// 95th percentile of the points' errors.
+    pub p95: f64,
+    /// Seconds that it took.
+    pub seconds: f64,
+}
+
+/// Finds the error by the surface of a solution with the same options; `None` if its surfels were not fitted.
+///
+/// # Errors
+/// Those of [`illuminate`], for half of the points.
+pub fn surface_error(
+    scene: &Scene,
+    options: &Options,
+    backend: Backend,
+    illumination: &Illumination,
+    progress: &dyn Progress,
+) -> Result<Option<SurfaceError>> {
+    if !illumination.stats.fitted {
+        return Ok(None);
+    }
+    let start = Instant::now();
+    let lit_by = |half: Half| -> Result<Vec<Vec3>> {
+        let options = Options {
+            half: Some(half),
+            ..options.clone()
+        };
+        let lit = illuminate(scene, &options, backend, &Quiet(progress))?;
+        Ok(lit.map.irradiance)
+    };
+    progress.note("error by the surface: once more with each half of the points");
+    let (first, second) = (lit_by(Half::First)?, lit_by(Half::Second)?);
+    let whole = &illumination.map.irradiance;
+    // Half the variance of the difference is that of one half.
+    let moved: Vec<Vec3> = (whole.iter().zip(first.iter().zip(&second)))
+        .map(|(whole, (a, b))| whole + (a - b) * std::f32::consts::FRAC_1_SQRT_2)
+        .collect();
+    let seconds = start.elapsed().as_secs_f64();
+    if whole.iter().all(|h| *h == Vec3::ZERO) {
+        return Ok(None);
+    }
+    let errors = compare(&moved, whole)?;
+    Ok(Some(SurfaceError {
+        rel_l2: errors.rel_l2,
+        median: errors.median,
+        p95: errors.p95,
+        seconds,
+    }))
+}
+
+/// Only asks whether to stop.
+struct Quiet<'a>(&'a dyn Progress);
+
+impl Progress for Quiet<'_> {
+    fn cancelled(&self) -> bool {
+        self.0.cancelled()
+    }
+}
+
+impl fmt::Display for SurfaceError {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let [rel_l2, median, p95] = [self.rel_l2, self.median, self.p95].map(|x| 100.0 * x);
+        write!(
+            f,
+            "{rel_l2:.1}% in all, median {median:.1}%, 95% of the points within {p95:.0}%, by two halves of the points"
+        )
+    }
+}
