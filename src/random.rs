@@ -31,6 +31,8 @@ pub(crate) enum Purpose {
     Sketch,
     /// Order in which surfels are fitted, and planes that are tried for them.
     Fit,
+    /// Rays that find holes.
+    Holes,
 }
 
 /// The stream of one item: a surfel, or a pair of facets in one number.

@@ -170,6 +170,7 @@ impl Case {
             octree: &self.octree,
             visibility: &self.visibility(),
             sky: self.scene.sky,
+            scale: &[],
             tolerance: 0.03,
             seed,
         };

@@ -305,6 +305,7 @@ impl Task<'_> {
             octree: self.octree,
             visibility: self.visibility.inner(),
             sky: self.scene.sky,
+            scale: self.holes.scale(),
             tolerance: self.tolerance,
             seed: self.seed,
         };

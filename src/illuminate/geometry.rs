@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use glam::DVec3;
 
+use super::holes::Holes;
 use super::options::{Occlusion, Options};
 use super::stats::Seconds;
 use crate::error::{Error, Result};
@@ -36,6 +37,8 @@ pub(super) struct Geometry {
     pub repairs: Vec<String>,
     /// Whether the surfels were fitted to the points.
     pub fitted: bool,
+    /// Where directions lead through holes of a fitted surface.
+    pub holes: Holes,
     /// How good the cloud is as a surface; not kept in files.
     pub quality: Option<Quality>,
 }
@@ -80,6 +83,11 @@ impl Geometry {
         let places = prepared.places(&surfels);
         let fitted = prepared.is_fitted();
         drop(prepared.surfels);
+        let holes = match occluders.as_ref().filter(|_| fitted) {
+            Some(occluders) => Holes::find(&surfels, &octree, occluders, progress)?,
+            None => Holes::default(),
+        };
+        prepared.repairs.extend(holes.told());
         let geometry = Geometry {
             occluders: occluders.map(Arc::new),
             surfels: Arc::new(surfels),
@@ -89,6 +97,7 @@ impl Geometry {
             order: plan.order.unwrap_or(ORDER),
             fitted,
             repairs: prepared.repairs,
+            holes,
             quality: Some(prepared.quality),
         };
         let seconds = Seconds {
@@ -144,10 +153,11 @@ impl Geometry {
                 surfels.emission[back] = surfels.emission[place];
             }
         }
+        self.holes.raise(&mut surfels.reflectance);
         Ok(())
     }
 
-    /// Hands the irradiance of the surfels to the points of the cloud. Of a fitted surface points lie between
+    /// Hands the irradiance of the surfels, as the equation has it, to the points of the cloud. Of a fitted surface points lie between
     /// surfels: that of few lamps, which is sharp, is found anew at each point.
     pub fn map(
         &self,
@@ -159,20 +169,21 @@ impl Geometry {
         let occluders = self.occluders.as_deref();
         let mut lit = Lit {
             surfels,
-            irradiance,
+            irradiance: &[],
             lamps: Vec::new(),
             occluders,
         };
-        let mut rest = Vec::new();
+        let mut rest = irradiance.to_vec();
         if self.fitted && scene.lights.len() <= LAMPS {
             let visibility: Box<dyn Visibility> = match occluders {
                 Some(occluders) => Box::new(CpuVisibility::<f32>::new(occluders)),
                 None => Box::new(NothingInTheWay),
             };
-            rest.extend(irradiance);
             for light in &scene.lights {
                 let one = std::slice::from_ref(light);
-                let lit_by = lights::point_lights(surfels, one, &*visibility, progress)?.irradiance;
+                let mut lit_by =
+                    lights::point_lights(surfels, one, &*visibility, progress)?.irradiance;
+                self.holes.lower(&mut lit_by);
                 let place = (light.position - surfels.origin).as_vec3();
                 let faces = |i: usize| (place - surfels.positions[i]).dot(surfels.normals[i]) > 0.0;
                 let seen = |(i, h): (usize, &DVec3)| faces(i).then_some(*h != DVec3::ZERO);
@@ -182,8 +193,9 @@ impl Geometry {
                 });
                 rest.iter_mut().zip(lit_by).for_each(|(rest, h)| *rest -= h);
             }
-            lit.irradiance = &rest;
         }
+        self.holes.fill(&mut rest);
+        lit.irradiance = &rest;
         IlluminationMap::of(&scene.cloud, &self.places, &lit, progress)
     }
 }

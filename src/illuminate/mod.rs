@@ -8,6 +8,7 @@ mod even;
 mod file;
 mod fmm;
 mod geometry;
+mod holes;
 mod linked;
 mod measured;
 mod model;
@@ -52,7 +53,8 @@ use crate::visibility::Occluders;
 pub struct Illumination {
     /// Light at every point.
     pub map: IlluminationMap,
-    /// The surfels that the points stood for, in the order of the octree.
+    /// The surfels that the points stood for, in the order of the octree. Of a fitted surface the reflectance
+    /// includes what directions through holes are taken to bring.
     pub surfels: Arc<Surfels>,
     /// Irradiance of the surfels straight from lights, by the methods fmm and gather, which find it
     /// apart; otherwise empty.

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::checkpoint::Stages;
 use super::checks::Checked;
+use super::holes::Holes;
 use super::rays::Rays;
 use super::verified::Verified;
 use super::work::{Bounced, Work};
@@ -41,6 +42,7 @@ pub(super) struct Task<'a> {
     pub surfels: &'a Surfels,
     pub octree: &'a Octree,
     pub visibility: &'a Counted<'a>,
+    pub holes: &'a Holes,
     /// Whether links go without tests: nothing is in the way, or nothing seems to be.
     pub untested: bool,
     /// Who is next to whom, once it was asked for.
@@ -242,7 +244,9 @@ impl Task<'_> {
                 lit.on_surface
             ));
         }
-        Ok(lit.irradiance)
+        let mut irradiance = lit.irradiance;
+        self.holes.lower(&mut irradiance);
+        Ok(irradiance)
     }
 
     fn sky(
@@ -264,7 +268,7 @@ impl Task<'_> {
             self.visibility,
             self.progress,
         )?;
-        let irradiance = seen.irradiance(sky, smoother);
+        let mut irradiance = seen.irradiance(sky, smoother);
         let arrives: f64 = irradiance.iter().map(|h| h.element_sum()).sum();
         let seen = arrives / (n as f64 * f64::from(sky.element_sum()));
         if seen < HARDLY_ANY_SKY {
@@ -274,6 +278,7 @@ impl Task<'_> {
                 100.0 * seen
             ));
         }
+        self.holes.lower(&mut irradiance);
         Ok(irradiance)
     }
 

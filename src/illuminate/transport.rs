@@ -259,6 +259,7 @@ impl Transport {
             surfels: &geometry.surfels,
             octree: &geometry.octree,
             visibility: &visibility,
+            holes: &geometry.holes,
             untested: self.untested,
             around: &self.around,
             tolerance,
@@ -361,10 +362,12 @@ impl Transport {
             repairs,
             plan: self.plan.clone(),
         };
+        let mut direct = solved.direct;
+        geometry.holes.fill(&mut direct);
         Ok(Illumination {
             map: geometry.map(scene, &solved.irradiance, progress)?,
             surfels: geometry.surfels.clone(),
-            direct: solved.direct,
+            direct,
             stats,
         })
     }

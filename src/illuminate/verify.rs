@@ -36,6 +36,8 @@ pub struct Verifier<'a> {
     pub octree: &'a Octree,
     pub visibility: &'a dyn Visibility,
     pub sky: Vec3,
+    /// For each surfel what its light of the sky is divided by; empty if that is nowhere needed.
+    pub scale: &'a [f32],
     /// Relative error that is to be told from none.
     pub tolerance: f64,
     pub seed: u64,
@@ -365,7 +367,8 @@ impl Verifier<'_> {
             let random = |k: usize| random(some[k]);
             let shares = visible_sky(self.surfels, &chosen, 1 << level, random, self.visibility)?;
             for (k, share) in some.into_iter().zip(shares) {
-                skies[k] = self.sky.as_dvec3() * share;
+                let scale = self.scale.get(receivers[k] as usize).unwrap_or(&1.0);
+                skies[k] = self.sky.as_dvec3() * share / f64::from(*scale);
             }
         }
         Ok(skies)

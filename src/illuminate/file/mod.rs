@@ -19,12 +19,14 @@ use glam::{DVec3, Vec3};
 use self::header::{FITTED, Header, ORDERS, VERSION, magic, whole};
 use self::words::{Reader, Writer};
 use super::geometry::Geometry;
+use super::holes::Holes;
 use crate::error::{Error, Result};
 use crate::links::{Kept, Links, Rows};
 use crate::memory;
 use crate::octree::{Octree, StoredFacet};
 use crate::output::write_atomic;
 use crate::points::{Cells, PointCloud, Surfels};
+use crate::progress::Silent;
 use crate::visibility::{Occluders, Shape};
 
 /// Place of a point that gets no light.
@@ -241,6 +243,10 @@ impl Arrays {
         check::surfels(&surfels, &self.places)?;
         let octree = Octree::restored(&self.facets, self.cones, &surfels)?;
         let occluders = Occluders::restored(&surfels, &self.shape)?;
+        let holes = match header.fitted == FITTED {
+            true => Holes::find(&surfels, &octree, &occluders, &Silent).unwrap_or_default(),
+            false => Holes::default(),
+        };
         check::links(&kept, octree.facets.len(), surfels.len())?;
         let bytes: Vec<u8> = self.repairs.iter().flat_map(|w| w.to_le_bytes()).collect();
         let text = bytes.get(..header.repairs as usize).unwrap_or(&bytes);
@@ -258,6 +264,7 @@ impl Arrays {
             order: header.order as usize,
             repairs: text.lines().map(str::to_owned).collect(),
             fitted: header.fitted == FITTED,
+            holes,
             quality: None,
         };
         Ok((geometry, kept))
