@@ -116,7 +116,7 @@ scans() {
             [[ $level == D ]] && truth=$folder/${name}_D.ref.csv
             printf '%s %s\n' "$name" "$file"
             # shellcheck disable=SC2086
-            "$program" solve "$folder/${name}_$file" ${lights[$name]} --backend cpu -o "$out/lit.ply" | grep -E '^(time|error)' || true
+            "$program" solve "$folder/${name}_$file" ${lights[$name]} --backend cpu -o "$out/lit.ply" | grep -E '^(time|error|surface)' || true
             python3 "$folder/compare.py" "$truth" "$out/lit.ply"
         done
     done

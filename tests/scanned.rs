@@ -3,10 +3,11 @@
 
 mod tracer;
 
+use fmmgi_gpu::illuminate::surface_error;
 use fmmgi_gpu::points::Scanner;
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::PointLight;
-use fmmgi_gpu::{Backend, Illumination, Options, PointCloud, Scene, illuminate};
+use fmmgi_gpu::{Backend, Options, PointCloud, Scene, illuminate};
 use glam::{DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -95,9 +96,9 @@ fn scan(room: &Room, noise: f64, dirty: bool, known: bool) -> Scan {
     scan
 }
 
-/// Relative L2 of all light and median of the points' errors, at points on a surface, and the share of those that are
-/// lit on the wrong side.
-fn errors(room: &Room, scan: Scan) -> [f64; 3] {
+/// Relative L2 of all light and median of the points' errors, at points on a surface, the share of those that are
+/// lit on the wrong side, and the bound of the first that is told.
+fn errors(room: &Room, scan: Scan) -> [f64; 4] {
     let Scan { cloud, normals } = scan;
     let scene = Scene {
         cloud,
@@ -108,7 +109,9 @@ fn errors(room: &Room, scan: Scan) -> [f64; 3] {
         ..Scene::default()
     };
     let options = Options::default();
-    let Illumination { map, .. } = illuminate(&scene, &options, Backend::Cpu, &Silent).unwrap();
+    let lit = illuminate(&scene, &options, Backend::Cpu, &Silent).unwrap();
+    let told = surface_error(&scene, &options, Backend::Cpu, &lit, &Silent).unwrap();
+    let map = lit.map;
     let step = normals.len() / 400;
     let chosen: Vec<(usize, DVec3)> = (0..normals.len())
         .step_by(step)
@@ -136,7 +139,13 @@ fn errors(room: &Room, scan: Scan) -> [f64; 3] {
     let (wrong, all) = facing.fold((0.0, 0.0), |(wrong, all), cos| {
         (wrong + f64::from(u8::from(cos < 0.0)), all + 1.0)
     });
-    [(square / whole).sqrt(), each[each.len() / 2], wrong / all]
+    let bound = told.unwrap().bound;
+    [
+        (square / whole).sqrt(),
+        each[each.len() / 2],
+        wrong / all,
+        bound,
+    ]
 }
 
 #[test]
@@ -154,10 +163,11 @@ fn a_scanned_room_is_lit_as_the_room() {
         ),
         ("with stations", 0.002, true, true, [0.2, 0.06, 0.02]),
     ] {
-        let [all, median, wrong] = errors(&room, scan(&room, noise, dirty, known));
+        let [all, median, wrong, bound] = errors(&room, scan(&room, noise, dirty, known));
         println!(
-            "{name:24}: {:.1}% in all, median {:.1}%, {:.2}% on the wrong side",
+            "{name:24}: {:.1}% in all (told: up to {:.1}), median {:.1}%, {:.2}% on the wrong side",
             100.0 * all,
+            100.0 * bound,
             100.0 * median,
             100.0 * wrong
         );
@@ -165,5 +175,7 @@ fn a_scanned_room_is_lit_as_the_room() {
             all < most[0] && median < most[1] && wrong < most[2],
             "{name}"
         );
+        // As far off as is told, and no more is told than four times that.
+        assert!(all < bound && bound < 4.0 * all, "{name}: {all} of {bound}");
     }
 }

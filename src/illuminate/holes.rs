@@ -11,6 +11,7 @@
 use glam::{DVec3, Vec3};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
 use crate::octree::Octree;
@@ -29,9 +30,16 @@ const MOST: f32 = 1.0 / 3.0;
 pub(super) struct Holes {
     /// For each surfel what its light from others is multiplied by, from 1 on; empty if that is nowhere needed.
     scale: Vec<f32>,
-    /// Part of the directions that lead to backs, of all surface.
+    /// `None` if nobody looked.
+    pub shares: Option<HoleShares>,
+}
+
+/// Parts of all directions from the surface.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub struct HoleShares {
+    /// That lead to the back of a surface.
     pub backs: f64,
-    /// Part that leads out of the cloud.
+    /// That lead out of the cloud.
     pub out: f64,
 }
 
@@ -82,7 +90,8 @@ impl Holes {
             let unknown = (sum(0) / met.max(1.0)).min(MOST);
             scale[leaf.surfels()].fill(1.0 / (1.0 - unknown));
         }
-        Ok(Holes { scale, backs, out })
+        let shares = Some(HoleShares { backs, out });
+        Ok(Holes { scale, shares })
     }
 
     /// Makes reflectance that of the equation for irradiance/s.
@@ -109,16 +118,69 @@ impl Holes {
 
     /// What is to be said of it.
     pub fn told(&self) -> Option<String> {
-        (self.backs > LITTLE).then(|| {
-            format!(
-                "{:.1}% of all directions lead through holes to the back of a surface: taken for as bright as \
-                 the others ({:.1}% lead out)",
-                100.0 * self.backs,
-                100.0 * self.out
-            )
-        })
+        let shares = self.shares.filter(|shares| shares.backs > LITTLE)?;
+        let [backs, out] = [shares.backs, shares.out].map(|x| 100.0 * x);
+        Some(format!(
+            "{backs:.1}% of all directions lead through holes to the back of a surface: taken for as bright as \
+             the others ({out:.1}% lead out)"
+        ))
     }
 }
 
 /// Less is not worth a word.
 const LITTLE: f64 = 0.001;
+
+#[cfg(test)]
+mod tests {
+    use std::f32::consts::PI;
+
+    use glam::Vec2;
+
+    use super::*;
+    use crate::octree::LEAF_SIZE;
+    use crate::points::{PointCloud, Thinning};
+    use crate::progress::Silent;
+
+    /// A sphere that is lit inside, without a cap over which a plate lies that faces away. From everywhere on
+    /// a sphere a part of it takes as much of the directions as of the area.
+    #[test]
+    fn a_cap_of_a_sphere_is_as_large_a_hole() {
+        let (n, edge) = (4000, 0.866_f32);
+        let mut cloud = PointCloud::default();
+        let mut add = |place: Vec3, normal: Vec3| {
+            cloud.positions.push(place.as_dvec3());
+            cloud.normals.push(normal);
+            cloud.reflectance.push(Vec3::splat(0.5));
+            cloud.emission.push(Vec3::ZERO);
+        };
+        for i in 0..n {
+            let z = 1.0 - (2 * i + 1) as f32 / n as f32;
+            let around = Vec2::from_angle(PI * (5.0_f32.sqrt() - 1.0) * i as f32);
+            let place = (around * (1.0 - z * z).sqrt()).extend(z);
+            if z < edge {
+                add(place, -place);
+            }
+        }
+        for k in 0..60 * 60 {
+            let place = Vec3::new((k % 60) as f32 - 29.5, (k / 60) as f32 - 29.5, 0.0) * 0.1;
+            add(place + Vec3::Z * (edge + 0.03), Vec3::Z);
+        }
+        let prepared = Surfels::prepare_fewer(&cloud, &Thinning::default(), &Silent).unwrap();
+        let (octree, surfels) = Octree::build(&prepared.surfels, LEAF_SIZE);
+        let occluders = Occluders::build(&surfels);
+        let holes = Holes::find(&surfels, &octree, &occluders, &Silent).unwrap();
+        let cap = 0.5 * (1.0 - edge);
+        let place = |i: usize| surfels.positions[i] + surfels.origin.as_vec3();
+        let of_sphere: Vec<f32> = (0..surfels.len())
+            .filter(|&i| surfels.normals[i].dot(place(i)) < 0.0)
+            .map(|i| 1.0 - 1.0 / holes.scale()[i])
+            .collect();
+        let mean = of_sphere.iter().sum::<f32>() / of_sphere.len() as f32;
+        assert!((mean - cap).abs() < 0.1 * cap, "{mean} of {cap}");
+        // What is scaled and scaled back is the same light.
+        let mut light = vec![DVec3::ONE; surfels.len()];
+        holes.lower(&mut light);
+        holes.fill(&mut light);
+        assert!(light.iter().all(|h| (h.x - 1.0).abs() < 1e-12));
+    }
+}

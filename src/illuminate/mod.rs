@@ -31,6 +31,7 @@ use glam::DVec3;
 pub(crate) use self::bright::Spots;
 pub use self::checkpoint::Checkpoint;
 use self::geometry::Geometry;
+pub use self::holes::HoleShares;
 pub use self::options::{Backend, DEFAULT_TOLERANCE, Method, Occlusion, Options};
 pub(crate) use self::options::{check, tolerance};
 pub use self::quantiles::Interval;

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::Method;
 use super::SurfaceError;
 use super::checks::Checks;
+use super::holes::HoleShares;
 use super::verified::Verified;
 use crate::plan::Plan;
 
@@ -44,6 +45,16 @@ pub struct RowSum {
     pub mean: f64,
 }
 
+/// Row sums on average above which there is more surface than can be seen.
+const CROWDED: f64 = 1.1;
+
+impl RowSum {
+    /// Whether there is more around surfels than can be: layers of points, or areas that count twice.
+    pub fn is_crowded(&self) -> bool {
+        self.mean > CROWDED
+    }
+}
+
 /// What a solve took and how well it went: the content of `--stats`.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Stats {
@@ -77,6 +88,8 @@ pub struct Stats {
     pub segments: u64,
     /// Most memory of the process, where the system tells.
     pub peak_memory_bytes: Option<u64>,
+    /// Directions that lead through holes of a fitted surface.
+    pub holes: Option<HoleShares>,
     /// The part of its surroundings that a surfel sees: 1 in a closed room.
     pub row_sum: Option<RowSum>,
     /// What physics asks of the operator: how far it is off.
@@ -98,8 +111,11 @@ pub struct Stats {
 }
 
 impl Stats {
-    /// Whether the measured error is within the tolerance.
+    /// Whether the measured error is within the tolerance, and with it that by the surface, if that was asked for.
     pub fn met(&self) -> bool {
+        let surface = self.surface_error.as_ref();
         self.error.is_none_or(|error| error.met)
+            && surface.is_none_or(|surface| surface.bound <= self.tolerance)
+            && !self.row_sum.is_some_and(|sum| sum.is_crowded())
     }
 }

@@ -1,8 +1,9 @@
 //! How far the light is off because the surfels are not the scanned surface.
 //!
 //! The surface is fitted anew to two disjoint halves of the points, and all is lit by each of them. What
-//! noise, layers, edges, gaps between points and guessed sides change differs from half to half; what
-//! both halves lack, as a hole that no scanner saw, does not, and is not in it.
+//! noise, layers, edges, gaps between points and guessed sides change differs from half to half. What both
+//! halves lack, as surface that no scanner saw, does not: it counts as if the directions through holes
+//! were all wrong.
 
 use std::fmt;
 use std::time::Instant;
@@ -17,11 +18,23 @@ use crate::points::Half;
 use crate::progress::Progress;
 use crate::scene::Scene;
 
+/// Bound of the error over the error. Of a choice of points that looks at edges, thin and dark places as often as
+/// at walls, virtual scans of three known scenes have 1.0 to 2.5 times the error that is told, all but one.
+const BOUND: f64 = 2.5;
+/// Without a sky, where fewer of the directions lead out, they do through holes.
+const CLOSED: f64 = 0.08;
+
 /// Errors of the irradiance by the surface, relative as [`Comparison`](crate::compare::Comparison) has it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceError {
-    /// Relative L2 error.
+    /// Relative L2 error that halves tell, and holes.
     pub rel_l2: f64,
+    /// Upper 95% bound of the relative L2 error.
+    pub bound: f64,
+    /// The part of it that two halves of the points tell.
+    pub halves: f64,
+    /// The part of it that comes through holes.
+    pub holes: f64,
     /// Median of the points' errors.
     pub median: f64,
     /// 95th percentile of the points' errors.
@@ -65,8 +78,15 @@ pub fn surface_error(
         return Ok(None);
     }
     let errors = compare(&moved, whole)?;
+    let holes = illumination.stats.holes.unwrap_or_default();
+    let closed = scene.sky == Vec3::ZERO && holes.out < CLOSED;
+    let holes = holes.backs + if closed { holes.out } else { 0.0 };
+    let rel_l2 = errors.rel_l2.hypot(holes);
     Ok(Some(SurfaceError {
-        rel_l2: errors.rel_l2,
+        rel_l2,
+        bound: BOUND * rel_l2,
+        halves: errors.rel_l2,
+        holes,
         median: errors.median,
         p95: errors.p95,
         seconds,
@@ -84,10 +104,12 @@ impl Progress for Quiet<'_> {
 
 impl fmt::Display for SurfaceError {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let [rel_l2, median, p95] = [self.rel_l2, self.median, self.p95].map(|x| 100.0 * x);
+        let [rel_l2, bound, halves] = [self.rel_l2, self.bound, self.halves].map(|x| 100.0 * x);
+        let [holes, p95] = [self.holes, self.p95].map(|x| 100.0 * x);
         write!(
             f,
-            "{rel_l2:.1}% in all, median {median:.1}%, 95% of the points within {p95:.0}%, by two halves of the points"
+            "{rel_l2:.0}% in all (up to {bound:.0}): {halves:.1}% by two halves of the points, 95% of them within \
+             {p95:.0}%, {holes:.1}% through holes"
         )
     }
 }

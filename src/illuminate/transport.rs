@@ -27,9 +27,6 @@ use crate::visibility::{
     Visibility,
 };
 
-/// Mean row sum above which areas do not fit the surface. A closed room has 1.
-const CROWDED: f64 = 1.1;
-
 /// How light goes between the points of one cloud. Found once, it serves many lights.
 ///
 /// Who sees whom does not depend on the light. What was found out for one light is kept for the next:
@@ -318,7 +315,7 @@ impl Transport {
             ));
         }
         if let Some(checked) = solved.checked
-            && checked.row_sum.mean > CROWDED
+            && checked.row_sum.is_crowded()
         {
             repairs.push(format!(
                 "points see {:.2} times what can be around them: areas, or layers of points, are too \
@@ -353,6 +350,7 @@ impl Transport {
             rays: solved.rays.map(|rays| rays.count),
             segments: visibility.segments(),
             peak_memory_bytes: None,
+            holes: geometry.holes.shares,
             row_sum: solved.checked.map(|c| c.row_sum),
             checks: solved.checked.map(|c| c.checks),
             error: solved.verified,

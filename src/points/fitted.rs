@@ -188,7 +188,7 @@ impl Prepared {
                 / 2;
         self.repairs.push(format!(
             "no normals: a surface of {fronts} surfels fitted to the points, {how}; how far it is off the true one \
-             is not in the error of the light"
+             is not in the error of the equation"
         ));
         if self.quality.unsure > 0.0 {
             self.repairs.push(format!(
