@@ -5,7 +5,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use fmmgi_gpu::map::IlluminationMap;
 use fmmgi_gpu::output;
 use fmmgi_gpu::progress::Silent;
-use fmmgi_gpu::scan::{MeshOptions, Scan};
+use fmmgi_gpu::scan::{ReadOptions, Scan};
 use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::{Scene, Surfels};
 use glam::DVec3;
@@ -31,7 +31,7 @@ fn readers(criterion: &mut Criterion) {
         let path = folder.path().join(format!("scan.{ending}"));
         output::write(&path, &cloud, &map).unwrap();
         group.bench_function(BenchmarkId::new(ending, cloud.len()), |b| {
-            b.iter(|| Scan::read(&path, &MeshOptions::default(), &Silent).unwrap())
+            b.iter(|| Scan::read(&path, &ReadOptions::default(), &Silent).unwrap())
         });
     }
     group.finish();

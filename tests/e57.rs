@@ -197,7 +197,7 @@ fn invalid_values_are_left_out() {
                 &integers([cartesian]),
                 &doubles([10.0 * x, 0.0, 0.0]),
                 &integers([spherical]),
-                &integers([0, 0, 0, colour]),
+                &integers([255, 0, 0, colour]),
             ]
             .concat()
         };
@@ -223,7 +223,7 @@ fn invalid_values_are_left_out() {
     );
     assert_eq!(
         cloud.reflectance,
-        [Vec3::ZERO, Vec3::splat(DEFAULT_REFLECTANCE)]
+        [Vec3::new(0.9, 0.0, 0.0), Vec3::splat(DEFAULT_REFLECTANCE)]
     );
 }
 

@@ -19,6 +19,7 @@ fn files_are_told_in_words_and_in_json() {
     let text = String::from_utf8_lossy(&output.get_output().stdout).into_owned();
     for expected in [
         "scan.ply\n  format    PLY, ascii\n  points    8\n  fields    x y z nx ny nz area\n  \
+         taken     place x y z; normals nx ny nz; areas area; no colours: reflectance 0.5\n  \
          box       0.0000 0.0000 0.0000 .. 1.0000 1.0000 1.0000\n  size      1.0000 1.0000 1.0000\n  spacing   1.000e0",
         "note      no colours: reflectance 0.5",
         "note      nothing gives light",

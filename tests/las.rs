@@ -165,7 +165,11 @@ fn equal_points_are_no_lie() {
 fn colours_are_recognised_however_they_are_stored() {
     let cases = [
         (0x8080, linear(0x8080), ""),
-        (0x80, linear(0x8080), "10 colours of 8 bit found in 16"),
+        (
+            0x80,
+            linear(0x8080),
+            "10 colours of 8 bit found in wider numbers",
+        ),
         (
             0x8000,
             linear(0x8080),

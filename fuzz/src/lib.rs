@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::{Seek, Write};
 
 use fmmgi_gpu::progress::Silent;
-use fmmgi_gpu::scan::{MeshOptions, Scan};
+use fmmgi_gpu::scan::{ReadOptions, Scan};
 use tempfile::NamedTempFile;
 
 thread_local! {
@@ -23,10 +23,10 @@ pub fn read(content: &[u8], ending: &str) {
         });
         write(file.as_file_mut(), content).expect("the temporary file can be written");
         for faces in [false, true] {
-            let options = MeshOptions {
+            let options = ReadOptions {
                 faces,
                 points: Some(50),
-                ..MeshOptions::default()
+                ..ReadOptions::default()
             };
             if let Ok(scan) = Scan::read(file.path(), &options, &Silent) {
                 check(&scan);

@@ -11,6 +11,7 @@ use fmmgi_gpu::{Error, Method, Occlusion, Options, Progress, Result, Scene};
 use glam::Vec3;
 
 use super::backend::{self, Chosen};
+use super::reading::Reading;
 use super::{outputs, values};
 
 #[derive(clap::Args)]
@@ -21,9 +22,8 @@ pub struct Asked {
     /// Points to make on the shapes of a scene file, and on a mesh
     #[arg(long, value_name = "N")]
     points: Option<NonZeroUsize>,
-    /// Take the faces of PLY files as the surface, and make points on them
-    #[arg(long)]
-    mesh: bool,
+    #[command(flatten)]
+    reading: Reading,
     /// How the light is summed up
     #[arg(long, value_enum, default_value = "auto")]
     method: MethodArg,
@@ -154,7 +154,7 @@ impl Asked {
         let options = SceneOptions {
             points: self.points.map(NonZeroUsize::get),
             seed: self.seed,
-            mesh: self.mesh,
+            ..self.reading.options()
         };
         Scene::load_all(&self.inputs, &options, progress)
     }

@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use fmmgi_gpu::points::{Facing, Openness, Quality, Survey};
-use fmmgi_gpu::scene::{SceneOptions, Source};
+use fmmgi_gpu::scene::Source;
 use fmmgi_gpu::{Backend, Options, Progress, Result, Scene, Transport};
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
 use super::Done;
+use super::reading::Reading;
 use super::terminal::{self, Terminal};
 use super::values;
 
@@ -21,9 +22,8 @@ pub struct Args {
     /// Scans and scene files (.toml)
     #[arg(required = true)]
     inputs: Vec<PathBuf>,
-    /// Take the faces of PLY files as the surface, and make points on them
-    #[arg(long)]
-    mesh: bool,
+    #[command(flatten)]
+    reading: Reading,
     /// Prepare the points as "solve" does, and tell how good they are as a surface; with the last file of a
     /// scene for all of it
     #[arg(long)]
@@ -42,6 +42,8 @@ struct Report {
     file: String,
     format: String,
     fields: Vec<String>,
+    /// What of it was taken for what.
+    taken: String,
     #[serde(flatten)]
     survey: Survey,
     /// Mended while the file was read.
@@ -66,10 +68,7 @@ struct Found {
 pub fn run(args: &Args) -> Result<Done> {
     terminal::stop_on_ctrl_c();
     let progress = Terminal::new(args.json, false);
-    let options = SceneOptions {
-        mesh: args.mesh,
-        ..SceneOptions::default()
-    };
+    let options = args.reading.options();
     let mut reports = Vec::new();
     let mut failure = None;
     for path in &args.inputs {
@@ -120,6 +119,7 @@ fn look(scene: &Scene) -> Result<Vec<Report>> {
             file: source.path.display().to_string(),
             format: source.format.clone(),
             fields: source.fields.clone(),
+            taken: source.taken.clone(),
             survey,
             repairs: match i {
                 0 => scene.cloud.repairs.clone(),
@@ -165,6 +165,9 @@ impl Report {
         ];
         if !self.fields.is_empty() {
             lines.push(format!("  fields    {}", self.fields.join(" ")));
+        }
+        if !self.taken.is_empty() {
+            lines.push(format!("  taken     {}", self.taken));
         }
         let bounds = survey.bounds.map(|ends| ends.map(DVec3::from));
         let [min, max] = bounds.unwrap_or_default();

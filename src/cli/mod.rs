@@ -9,6 +9,7 @@ mod info;
 mod outputs;
 mod picture;
 mod plan;
+mod reading;
 mod relight;
 mod solve;
 mod terminal;

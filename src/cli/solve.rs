@@ -14,7 +14,7 @@ use glam::Vec3;
 use super::asked::Asked;
 use super::terminal::{self, Terminal};
 use super::values::{self, Size};
-use super::{Done, outputs, picture};
+use super::{Done, outputs, picture, reading};
 
 /// Compute the light at every point of a scan or a scene.
 ///
@@ -98,6 +98,7 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     hang(&mut scene);
     scene.sky = asked.sky.unwrap_or(scene.sky);
     let load = began.elapsed().as_secs_f64();
+    reading::tell(&scene, &progress);
     warn_of_darkness(&scene, &progress);
     let about = |error: Error| asked.about(error);
     let (transport, mut result) = chosen.run(&progress, |backend| {

@@ -18,6 +18,7 @@ use fmmgi_gpu::visibility::{
 use fmmgi_gpu::{Backend, Error, IlluminationMap, Method, Progress, Result, Scene, Surfels};
 use glam::{DVec3, Vec3};
 
+use super::reading::Reading;
 use super::terminal::{self, Terminal};
 use super::values::{self, Size};
 use super::{Done, backend, outputs, picture};
@@ -44,9 +45,8 @@ pub struct Args {
     /// Points to make on the shapes of a scene file, and on a mesh
     #[arg(long, value_name = "N")]
     points: Option<NonZeroUsize>,
-    /// Take the faces of PLY files as the surface, and make points on them
-    #[arg(long)]
-    mesh: bool,
+    #[command(flatten)]
+    reading: Reading,
     /// What stands in the way
     #[arg(long, value_enum, default_value = "classic")]
     visibility: VisibilityArg,
@@ -105,7 +105,7 @@ pub fn run(args: &Args) -> Result<Done> {
     let options = SceneOptions {
         points: args.points.map(NonZeroUsize::get),
         seed: args.seed,
-        mesh: args.mesh,
+        ..args.reading.options()
     };
     let scene = Scene::load_all(&args.inputs, &options, &progress)?;
     for source in &scene.sources {

@@ -5,7 +5,8 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::colour::srgb_to_linear;
+use super::colours::{self, ColourSpace, Stored};
+use super::names;
 use crate::points::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
 use crate::scene::BRIGHTEST;
 
@@ -14,6 +15,8 @@ pub(crate) type Rows<'a> = &'a [f64];
 
 /// Rows for one thread at a time.
 const GRAIN: usize = 4096;
+/// What a coefficient of a Gaussian splat adds to its colour, which is 0.5 without.
+const SPLAT: f64 = 0.282_094_79;
 
 /// How a size gives an area.
 #[derive(Clone, Copy)]
@@ -22,42 +25,42 @@ enum Size {
     Radius,
 }
 
-/// How a stored colour gives a reflectance.
-#[derive(Clone, Debug)]
-pub(super) enum Colour {
-    Linear,
-    /// Reflectance of each integer value.
-    Srgb(Vec<f32>),
-    /// sRGB from 0 to 1.
-    SrgbFraction,
+/// How the values of a point give a colour.
+#[derive(Clone, Copy)]
+enum Colour {
+    /// Reflectances as they are.
+    Linear([usize; 3]),
+    Grey(usize),
+    Stored([usize; 3], Stored),
+    Packed(usize),
+    Splat([usize; 3]),
 }
 
 impl Colour {
-    /// Integers below `levels`.
-    pub fn srgb(levels: usize) -> Self {
-        let linear = |level| srgb_to_linear(level as f32 / (levels - 1) as f32);
-        Colour::Srgb(
-            (0..levels)
-                .map(|i| linear(i).min(MAX_COLOUR_REFLECTANCE))
-                .collect(),
-        )
-    }
-
-    /// Values that the type cannot hold (ascii files may have them) give a number outside [0, 1].
-    #[inline]
-    pub fn reflectance(&self, value: f64) -> f32 {
+    fn stored(self) -> Option<Stored> {
         match self {
-            Colour::Linear => value as f32,
-            Colour::Srgb(table) => match table.get(value as usize) {
-                Some(&linear) if value >= 0.0 => linear,
-                _ => value as f32,
-            },
-            Colour::SrgbFraction if (0.0..=1.0).contains(&value) => {
-                srgb_to_linear(value as f32).min(MAX_COLOUR_REFLECTANCE)
-            }
-            Colour::SrgbFraction => value as f32,
+            Colour::Linear(_) | Colour::Grey(_) => None,
+            Colour::Stored(_, stored) => Some(stored),
+            Colour::Packed(_) => Some(Stored::Bytes),
+            Colour::Splat(_) => Some(Stored::Floats),
         }
     }
+
+    fn value(self, row: &[f64]) -> Vec3 {
+        match self {
+            Colour::Linear(slots) | Colour::Stored(slots, _) => vector(row, slots).as_vec3(),
+            Colour::Grey(slot) => Vec3::splat(row[slot] as f32),
+            Colour::Packed(slot) => colours::unpacked(row[slot]),
+            Colour::Splat(slots) => {
+                let colour = 0.5 + SPLAT * vector(row, slots);
+                colour.clamp(DVec3::ZERO, DVec3::ONE).as_vec3()
+            }
+        }
+    }
+}
+
+fn vector(row: &[f64], slots: [usize; 3]) -> DVec3 {
+    DVec3::from(slots.map(|slot| row[slot]))
 }
 
 /// Where the row of a point has what.
@@ -67,57 +70,51 @@ pub(super) struct Fields {
     position: [usize; 3],
     normal: Option<[usize; 3]>,
     size: Option<(usize, Size)>,
-    reflectance: Option<([usize; 3], Colour)>,
+    colour: Option<Colour>,
     emission: Option<[usize; 3]>,
+    /// What was taken for what.
+    taken: Vec<String>,
 }
 
 impl Fields {
-    /// Finds the columns with a meaning, by their names in PLY files; `None` without x, y and z.
-    /// `colour` tells how three columns hold a colour; why not, it adds to the repairs.
-    pub fn find(
-        column: impl Fn(&str) -> Option<usize>,
-        colour: impl Fn([usize; 3], &mut Vec<String>) -> Option<Colour>,
+    /// Finds the columns with a meaning by their [names]; `None` without x, y and z. `stored` tells how a
+    /// column holds a colour. What is not used, and why not, it adds to the repairs.
+    pub fn find<S: AsRef<str>>(
+        names: &[S],
+        stored: impl Fn(usize) -> Stored,
         repairs: &mut Vec<String>,
     ) -> Option<Self> {
-        let mut columns = Vec::new();
-        let mut one = |name: &str| {
-            columns.push(column(name)?);
-            Some(columns.len() - 1)
+        let mut search = Search {
+            names,
+            columns: Vec::new(),
+            taken: Vec::new(),
+            repairs,
         };
-        let mut three = |names: [&str; 3]| match names.map(&mut one) {
-            [Some(a), Some(b), Some(c)] => Some([a, b, c]),
-            [None, None, None] => None,
-            _ => {
-                repairs.push(format!(
-                    "{} left out: not all three are there",
-                    names.join(" ")
-                ));
-                None
-            }
-        };
-        let position = three(["x", "y", "z"])?;
-        let normal = three(["nx", "ny", "nz"]);
-        let linear = three(["reflectance_red", "reflectance_green", "reflectance_blue"]);
-        let srgb = match linear {
-            Some(_) => None,
-            None => three(["red", "green", "blue"]),
-        };
-        let emission = three(["emission_red", "emission_green", "emission_blue"]);
-        let size = match one("area") {
-            Some(column) => Some((column, Size::Area)),
-            None => one("radius").map(|column| (column, Size::Radius)),
-        };
-        let srgb = srgb.and_then(|slots| {
-            let colour = colour(slots.map(|slot| columns[slot]), repairs);
-            Some((slots, colour?))
-        });
+        let position = search.three("place", ["x", "y", "z"])?;
+        let normal = search.three("normals", ["nx", "ny", "nz"]);
+        let colour = search.colour(stored);
+        let emission = search.three(
+            "emission",
+            ["emission_red", "emission_green", "emission_blue"],
+        );
+        let area = search.one("areas", "area").map(|slot| (slot, Size::Area));
+        let size = area.or_else(|| Some((search.one("radii", "radius")?, Size::Radius)));
+        let unused = ["intensity", "label", "row", "column", "alpha", "time"];
+        let unused = unused.map(|meaning| names::find(names, meaning));
+        let unused: Vec<&str> = (unused.into_iter().flatten())
+            .map(|i| names[i].as_ref())
+            .collect();
+        if !unused.is_empty() {
+            search.taken.push(format!("not used: {}", unused.join(" ")));
+        }
         Some(Fields {
             position,
             normal,
             size,
-            reflectance: linear.map(|slots| (slots, Colour::Linear)).or(srgb),
+            colour,
             emission,
-            columns,
+            columns: search.columns,
+            taken: search.taken,
         })
     }
 
@@ -125,19 +122,10 @@ impl Fields {
         self.normal.is_some()
     }
 
-    /// The largest reflectance that can be meant.
-    fn white(&self) -> f32 {
-        match &self.reflectance {
-            Some((_, Colour::Srgb(_) | Colour::SrgbFraction)) => MAX_COLOUR_REFLECTANCE,
-            Some((_, Colour::Linear)) | None => 1.0,
-        }
-    }
-
     fn append(&self, rows: Rows, cloud: &mut PointCloud) {
         let rows = rows
             .par_chunks_exact(self.columns.len())
             .with_min_len(GRAIN);
-        let vector = |row: &[f64], slots: [usize; 3]| DVec3::from(slots.map(|slot| row[slot]));
         cloud
             .positions
             .par_extend(rows.clone().map(|row| vector(row, self.position)));
@@ -153,17 +141,86 @@ impl Fields {
                 Size::Radius => (PI * row[slot] * row[slot].abs()) as f32,
             }));
         }
-        if let Some((slots, colour)) = &self.reflectance {
-            cloud.reflectance.par_extend(
-                rows.clone()
-                    .map(|row| Vec3::from(slots.map(|slot| colour.reflectance(row[slot])))),
-            );
+        if let Some(colour) = self.colour {
+            cloud
+                .reflectance
+                .par_extend(rows.clone().map(|row| colour.value(row)));
         }
         if let Some(slots) = self.emission {
             cloud
                 .emission
                 .par_extend(rows.map(|row| vector(row, slots).as_vec3()));
         }
+    }
+}
+
+/// A search for columns.
+struct Search<'a, S> {
+    names: &'a [S],
+    columns: Vec<usize>,
+    taken: Vec<String>,
+    repairs: &'a mut Vec<String>,
+}
+
+impl<S: AsRef<str>> Search<'_, S> {
+    /// Takes a column into the rows; returns its place there.
+    fn take(&mut self, column: usize) -> usize {
+        self.columns.push(column);
+        self.columns.len() - 1
+    }
+
+    fn name(&self, column: usize) -> &str {
+        self.names[column].as_ref()
+    }
+
+    fn one(&mut self, what: &str, meaning: &str) -> Option<usize> {
+        let column = names::find(self.names, meaning)?;
+        self.taken.push(format!("{what} {}", self.name(column)));
+        Some(self.take(column))
+    }
+
+    /// Three columns that belong together.
+    fn three(&mut self, what: &str, meanings: [&str; 3]) -> Option<[usize; 3]> {
+        match meanings.map(|meaning| names::find(self.names, meaning)) {
+            [Some(a), Some(b), Some(c)] => {
+                let columns = [a, b, c];
+                let names = columns.map(|column| self.name(column)).join(" ");
+                self.taken.push(format!("{what} {names}"));
+                Some(columns.map(|column| self.take(column)))
+            }
+            [None, None, None] => None,
+            _ => {
+                self.repairs.push(format!(
+                    "{} left out: not all three are there",
+                    meanings.join(" ")
+                ));
+                None
+            }
+        }
+    }
+
+    /// The best of what says how a surface reflects.
+    fn colour(&mut self, stored: impl Fn(usize) -> Stored) -> Option<Colour> {
+        const LINEAR: [&str; 3] = ["reflectance_red", "reflectance_green", "reflectance_blue"];
+        if let Some(slots) = self.three("reflectance", LINEAR) {
+            return Some(Colour::Linear(slots));
+        }
+        if let Some(slots) = self.three("colours", ["red", "green", "blue"]) {
+            let each = slots.map(|slot| stored(self.columns[slot]));
+            // What is not alike is judged by its values.
+            let alike = each.iter().all(|other| *other == each[0]);
+            return Some(Colour::Stored(
+                slots,
+                if alike { each[0] } else { Stored::Words },
+            ));
+        }
+        if let Some(slot) = self.one("colours packed in", "rgb") {
+            return Some(Colour::Packed(slot));
+        }
+        if let Some(slots) = self.three("colours of splats", ["f_dc_0", "f_dc_1", "f_dc_2"]) {
+            return Some(Colour::Splat(slots));
+        }
+        Some(Colour::Grey(self.one("grey", "reflectance")?))
     }
 }
 
@@ -185,16 +242,61 @@ impl Builder {
         self.fields.append(rows, &mut self.cloud);
     }
 
-    /// The cloud, see [`finished`].
-    pub fn finish(self, repairs: Vec<String>) -> PointCloud {
-        finished(self.cloud, self.fields.white(), repairs)
+    /// The cloud, see [`finished`], and what was taken for what.
+    pub fn finish(
+        mut self,
+        told: Option<ColourSpace>,
+        mut repairs: Vec<String>,
+    ) -> (PointCloud, String) {
+        let mut taken = self.fields.taken;
+        let stored = self.fields.colour.and_then(Colour::stored);
+        let is_grey = matches!(self.fields.colour, Some(Colour::Grey(_)));
+        let colours = &mut self.cloud.reflectance;
+        let is_share = |r: &Vec3| (0.0..=1.0).contains(&r.x);
+        if let Some(stored) = stored {
+            if let Some(how) = judge_colours(colours, stored, told, &mut repairs) {
+                let of_colours = taken.iter_mut().filter(|what| what.starts_with("colours"));
+                of_colours.for_each(|what| *what += &format!(": {how}"));
+            }
+        } else if is_grey && !colours.par_iter().all(is_share) {
+            repairs.push(format!(
+                "{} reflectances left out: not all are from 0 to 1",
+                colours.len()
+            ));
+            colours.clear();
+        }
+        if colours.is_empty() {
+            taken.retain(|what| !what.starts_with("colours") && !what.starts_with("grey"));
+            taken.push(format!("no colours: reflectance {DEFAULT_REFLECTANCE}"));
+        }
+        let white = stored.map_or(1.0, |_| MAX_COLOUR_REFLECTANCE);
+        (finished(self.cloud, white, repairs), taken.join("; "))
     }
+}
+
+/// Turns the stored colours of a file to reflectances, see [`colours`]; none are left if they say nothing.
+/// Returns how they were taken.
+pub(super) fn judge_colours(
+    colours: &mut Vec<Vec3>,
+    stored: Stored,
+    told: Option<ColourSpace>,
+    repairs: &mut Vec<String>,
+) -> Option<String> {
+    let how = colours::to_reflectances(colours, stored, told, repairs);
+    if how.is_none() {
+        colours.clear();
+    }
+    how
 }
 
 /// A cloud whose values that mean nothing are mended, and that has what its file lacks. The largest
 /// reflectance that can be meant is `white`.
 pub(super) fn finished(mut cloud: PointCloud, white: f32, mut repairs: Vec<String>) -> PointCloud {
     let count = cloud.len();
+    if !cloud.normals.is_empty() && cloud.normals.par_iter().all(|n| *n == Vec3::ZERO) {
+        repairs.push(format!("{count} normals left out: all are zero"));
+        cloud.normals.clear();
+    }
     if cloud.reflectance.is_empty() {
         cloud.reflectance = vec![Vec3::splat(DEFAULT_REFLECTANCE); count];
     }

@@ -11,7 +11,7 @@ use glam::{DVec3, Vec3};
 use rand::RngExt;
 use rayon::prelude::*;
 
-use super::MeshOptions;
+use super::ReadOptions;
 use crate::error::{Error, Result};
 use crate::memory;
 use crate::octree::morton_codes;
@@ -59,7 +59,7 @@ impl Mesh {
     pub fn sample(
         self,
         path: &Path,
-        options: &MeshOptions,
+        options: &ReadOptions,
         progress: &dyn Progress,
     ) -> Result<PointCloud> {
         let faces = self.faces();

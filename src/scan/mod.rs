@@ -1,10 +1,12 @@
 //! Scan files to point clouds.
 
+mod colours;
 mod e57;
 mod fields;
 mod las;
 mod lines;
 mod mesh;
+mod names;
 mod obj;
 mod pcd;
 pub(crate) mod ply;
@@ -16,6 +18,7 @@ use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
 
+pub use colours::ColourSpace;
 use glam::DVec3;
 
 use crate::error::{Error, Result};
@@ -30,14 +33,16 @@ pub struct Scan {
     pub format: String,
     /// What the file says of each point, in the names of the file.
     pub fields: Vec<String>,
+    /// What of it was taken for what.
+    pub taken: String,
     /// Whether the points were made on triangles.
     pub sampled: bool,
     pub cloud: PointCloud,
 }
 
-/// How files that have triangles are read.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct MeshOptions {
+/// How files are read.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReadOptions {
     /// Takes the faces of a PLY file as the surface, and samples them; otherwise its vertices are
     /// the points. (An OBJ file with faces is always sampled.)
     pub faces: bool,
@@ -47,6 +52,8 @@ pub struct MeshOptions {
     pub spacing: Option<f64>,
     /// Moves the samples within their strata.
     pub seed: u64,
+    /// What colours are, instead of what their values tell.
+    pub colours: Option<ColourSpace>,
 }
 
 /// The formats that are understood.
@@ -61,9 +68,9 @@ enum Format {
     Text,
 }
 
-/// Reads the points of a file with the default options for meshes, see [`Scan::read`].
+/// Reads the points of a file with the default options, see [`Scan::read`].
 pub fn read(path: &Path, progress: &dyn Progress) -> Result<PointCloud> {
-    Ok(Scan::read(path, &MeshOptions::default(), progress)?.cloud)
+    Ok(Scan::read(path, &ReadOptions::default(), progress)?.cloud)
 }
 
 impl Scan {
@@ -74,15 +81,15 @@ impl Scan {
     /// # Errors
     /// [`Error::Io`] if the file cannot be read, [`Error::Input`] if it is no scan, is damaged, or
     /// has no points, [`Error::TooLarge`] above 2³² - 1 points.
-    pub fn read(path: &Path, mesh: &MeshOptions, progress: &dyn Progress) -> Result<Scan> {
+    pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Result<Scan> {
         let scan = match Format::of(path)? {
-            Format::Ply => ply::read(path, mesh, progress),
-            Format::Las => las::read(path, progress),
-            Format::E57 => e57::read(path, progress),
-            Format::Pcd => pcd::read(path, progress),
-            Format::Ptx => ptx::read(path, progress),
-            Format::Obj => obj::read(path, mesh, progress),
-            Format::Text => text::read(path, progress),
+            Format::Ply => ply::read(path, options, progress),
+            Format::Las => las::read(path, options, progress),
+            Format::E57 => e57::read(path, options, progress),
+            Format::Pcd => pcd::read(path, options, progress),
+            Format::Ptx => ptx::read(path, options, progress),
+            Format::Obj => obj::read(path, options, progress),
+            Format::Text => text::read(path, options, progress),
         }?;
         match scan.cloud.len() {
             points if points > u32::MAX as usize => Err(Error::TooLarge(format!(

@@ -2,22 +2,23 @@
 
 use std::path::Path;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
-use super::fields::{Colour, finished};
+use super::colours::Stored;
+use super::fields::{finished, judge_colours};
 use super::lines::{Lines, not_a_number, number, words};
 use super::mesh::Mesh;
-use super::{MeshOptions, Scan};
+use super::{ReadOptions, Scan};
 use crate::error::{Error, Result};
-use crate::points::{MAX_COLOUR_REFLECTANCE, PointCloud};
+use crate::points::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
 use crate::progress::Progress;
 
 type Parsed<T> = std::result::Result<T, String>;
 
-/// Reads an OBJ file: vertices `v x y z`, with or without a colour `r g b` (sRGB from 0 to 1, as
-/// MeshLab writes them), and faces `f`, whose polygons are cut into triangles around their first
+/// Reads an OBJ file: vertices `v x y z`, with or without a colour `r g b` (see
+/// [colours](super::colours)), and faces `f`, whose polygons are cut into triangles around their first
 /// corner. Normals, materials and all else are skipped. Without faces the vertices are the points.
-pub fn read(path: &Path, options: &MeshOptions, progress: &dyn Progress) -> Result<Scan> {
+pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Result<Scan> {
     let mut lines = Lines::open(path, progress)?;
     let mut vertices = PointCloud::default();
     let mut triangles = Vec::new();
@@ -33,10 +34,14 @@ pub fn read(path: &Path, options: &MeshOptions, progress: &dyn Progress) -> Resu
     let mut fields = vec!["x", "y", "z"];
     if has_colours {
         fields.extend(["r", "g", "b"]);
-    } else {
-        vertices.reflectance.clear();
     }
-    let repairs = lines.doubt().into_iter().collect();
+    let mut repairs = lines.doubt().into_iter().collect();
+    let colours = &mut vertices.reflectance;
+    let how = judge_colours(colours, Stored::Words, options.colours, &mut repairs);
+    let taken = match how {
+        Some(how) => format!("place x y z; colours r g b: {how}"),
+        None => format!("place x y z; no colours: reflectance {DEFAULT_REFLECTANCE}"),
+    };
     let cloud = finished(vertices, MAX_COLOUR_REFLECTANCE, repairs);
     let sampled = !triangles.is_empty();
     let format = if sampled {
@@ -47,6 +52,7 @@ pub fn read(path: &Path, options: &MeshOptions, progress: &dyn Progress) -> Resu
     Ok(Scan {
         format,
         fields: fields.into_iter().map(str::to_owned).collect(),
+        taken,
         sampled,
         cloud: if sampled {
             Mesh::new(cloud, triangles).sample(path, options, progress)?
@@ -83,9 +89,8 @@ fn add_vertex<'a>(words: impl Iterator<Item = &'a [u8]>, vertices: &mut PointClo
     let [x, y, z, colour @ ..] = values;
     // A fourth number alone is a weight.
     let colour = if count == 6 { colour } else { [f64::NAN; 3] };
-    let linear = colour.map(|channel| Colour::SrgbFraction.reflectance(channel));
     vertices.positions.push(DVec3::new(x, y, z));
-    vertices.reflectance.push(Vec3::from(linear));
+    vertices.reflectance.push(DVec3::from(colour).as_vec3());
     Ok(())
 }
 

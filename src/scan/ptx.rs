@@ -4,9 +4,10 @@ use std::path::Path;
 
 use glam::{DMat4, DVec3, DVec4};
 
-use super::fields::{Builder, Colour, Fields, Rows};
+use super::colours::Stored;
+use super::fields::{Builder, Fields, Rows};
 use super::lines::{Lines, not_a_number, number, words};
-use super::{Scan, scanner};
+use super::{ReadOptions, Scan, scanner};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 
@@ -21,14 +22,10 @@ const NAMES: [&str; WIDTH] = ["x", "y", "z", "intensity", "red", "green", "blue"
 /// Each grid has a header of ten lines: columns, rows, place and axes of the scanner, and a matrix
 /// that turns its points, as rows, to the common coordinates. The scanner stands at the origin of
 /// its own ones. Points `0 0 0` are directions without a return, and no points.
-pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
+pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Result<Scan> {
     let mut lines = Lines::open(path, progress)?;
     let mut repairs = Vec::new();
-    let fields = Fields::find(
-        |name| NAMES.iter().position(|&n| n == name),
-        |_, _| Some(Colour::srgb(1 << 8)),
-        &mut repairs,
-    );
+    let fields = Fields::find(&NAMES, |_| Stored::Words, &mut repairs);
     let fields = fields.ok_or_else(|| Error::input(path, "no coordinates"))?;
     let columns = fields.columns.clone();
     let mut builder = Builder::new(fields, 0);
@@ -77,12 +74,13 @@ pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
             "{without_return} directions without a return left out"
         ));
     }
-    let mut cloud = builder.finish(repairs);
+    let (mut cloud, taken) = builder.finish(options.colours, repairs);
     cloud.scanners = scanners;
     let names = if coloured { &NAMES[..] } else { &NAMES[..4] };
     Ok(Scan {
         format: format!("PTX, grids: {grids}"),
         fields: names.iter().map(|&name| name.to_owned()).collect(),
+        taken,
         sampled: false,
         cloud,
     })

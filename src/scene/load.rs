@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::memory;
 use crate::points::{DEFAULT_REFLECTANCE, Grid, PointCloud, Scanner};
 use crate::progress::Progress;
-use crate::scan::{MeshOptions, Scan};
+use crate::scan::{ReadOptions, Scan};
 
 /// Points on built-in shapes when nobody says how many.
 pub(crate) const DEFAULT_POINTS: usize = 20_000;
@@ -63,8 +63,7 @@ impl Scene {
             let surfaces = if is_scene_file(path) {
                 scene.add_scene_file(path, options, progress)?
             } else {
-                let mesh = mesh_options(options);
-                let scan = Scan::read(path, &mesh, progress)?;
+                let scan = Scan::read(path, &read_options(options), progress)?;
                 let sampled = scan.sampled;
                 scene.add(path.to_owned(), scan);
                 sampled
@@ -90,6 +89,7 @@ impl Scene {
             path,
             format: scan.format,
             fields: scan.fields,
+            taken: scan.taken,
             points: before..self.cloud.len(),
         });
     }
@@ -132,7 +132,7 @@ impl Scene {
         self.add(path.to_owned(), shapes);
         for table in &file.cloud {
             let scan_path = scan_path(path, table)?;
-            let mut scan = Scan::read(&scan_path, &table.mesh_options(options), progress)?;
+            let mut scan = Scan::read(&scan_path, &table.read_options(options), progress)?;
             has_surfaces |= scan.sampled;
             scan.cloud = place(scan.cloud, table);
             self.add(scan_path, scan);
@@ -150,22 +150,23 @@ fn is_scene_file(path: &Path) -> bool {
         .is_some_and(|e| e.eq_ignore_ascii_case("toml"))
 }
 
-fn mesh_options(options: &SceneOptions) -> MeshOptions {
-    MeshOptions {
+fn read_options(options: &SceneOptions) -> ReadOptions {
+    ReadOptions {
         faces: options.mesh,
         points: options.points,
         spacing: None,
         seed: options.seed,
+        colours: options.colours,
     }
 }
 
 impl CloudTable {
     /// What the file says goes before what the caller asks for; lengths are those of the scene.
-    fn mesh_options(&self, options: &SceneOptions) -> MeshOptions {
+    fn read_options(&self, options: &SceneOptions) -> ReadOptions {
         let scale = self.scale.map_or(1.0, |s| s.0);
-        let general = mesh_options(options);
+        let general = read_options(options);
         let says_how_many = self.points.is_some() || self.spacing.is_some();
-        MeshOptions {
+        ReadOptions {
             faces: self.mesh || general.faces,
             points: self
                 .points

@@ -18,6 +18,7 @@ pub use values::{BRIGHTEST, LARGEST, TOLERANCES};
 
 use crate::math::is_grey;
 use crate::points::PointCloud;
+use crate::scan::ColourSpace;
 
 /// A light of zero size.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,18 +77,22 @@ pub struct Source {
     pub format: String,
     /// What it says of each point, in its own names.
     pub fields: Vec<String>,
+    /// What of it was taken for what.
+    pub taken: String,
     /// Its points in the cloud of the scene; of a scene file those of its shapes.
     pub points: Range<usize>,
 }
 
 /// What the caller of [`Scene::load`] can set.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SceneOptions {
     /// Points to put on the built-in shapes, and on each mesh whose number the scene file does not
     /// say; `None` takes the scene file's number, or 20000.
     pub points: Option<usize>,
     /// Moves the points of shapes and meshes within their strata; the surfaces stay what they are.
     pub seed: u64,
-    /// Samples the faces of PLY files, as [`MeshOptions::faces`](crate::scan::MeshOptions::faces).
+    /// Samples the faces of PLY files, as [`ReadOptions::faces`](crate::scan::ReadOptions::faces).
     pub mesh: bool,
+    /// What the colours of scans are, instead of what their values tell.
+    pub colours: Option<ColourSpace>,
 }

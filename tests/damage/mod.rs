@@ -6,7 +6,7 @@ use std::sync::Once;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use fmmgi_gpu::progress::Silent;
-use fmmgi_gpu::scan::{self, MeshOptions, Scan};
+use fmmgi_gpu::scan::{self, ReadOptions, Scan};
 use fmmgi_gpu::{Error, PointCloud};
 use proptest::prelude::*;
 use tempfile::NamedTempFile;
@@ -67,7 +67,7 @@ pub fn read(bytes: &[u8]) -> Result<PointCloud, Error> {
 }
 
 pub fn read_scan(bytes: &[u8]) -> Scan {
-    Scan::read(file(bytes).path(), &MeshOptions::default(), &Silent).unwrap()
+    Scan::read(file(bytes).path(), &ReadOptions::default(), &Silent).unwrap()
 }
 
 /// The message of the error that reading gives; it must name the file.

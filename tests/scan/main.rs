@@ -12,7 +12,7 @@ mod understood;
 use std::io::Write;
 
 use fmmgi_gpu::progress::Silent;
-use fmmgi_gpu::scan::{MeshOptions, Scan};
+use fmmgi_gpu::scan::{ColourSpace, ReadOptions, Scan};
 use fmmgi_gpu::{Error, PointCloud, scan};
 use glam::Vec3;
 use tempfile::NamedTempFile;
@@ -55,12 +55,12 @@ fn error_named(bytes: &[u8], ending: &str) -> String {
 
 /// Reads a file that may be damaged: whatever comes out fits together.
 fn sound(bytes: &[u8], ending: &str) {
-    let options = MeshOptions {
+    let options = ReadOptions {
         faces: true,
         points: Some(100),
-        ..MeshOptions::default()
+        ..ReadOptions::default()
     };
-    for options in [MeshOptions::default(), options] {
+    for options in [ReadOptions::default(), options] {
         let file = named(bytes, ending);
         let Ok(Scan { cloud, .. }) = Scan::read(file.path(), &options, &Silent) else {
             continue;

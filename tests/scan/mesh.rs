@@ -1,23 +1,23 @@
 //! Triangles to points.
 
-use fmmgi_gpu::scan::{MeshOptions, Scan};
+use fmmgi_gpu::scan::{ReadOptions, Scan};
 use glam::{DVec3, Vec3};
 use proptest::prelude::*;
 
 use super::*;
 
-fn sample(text: &str, ending: &str, options: MeshOptions) -> PointCloud {
+fn sample(text: &str, ending: &str, options: ReadOptions) -> PointCloud {
     let file = named(text.as_bytes(), ending);
     let scan = Scan::read(file.path(), &options, &Silent).unwrap();
     assert!(scan.sampled);
     scan.cloud
 }
 
-fn points(n: usize) -> MeshOptions {
-    MeshOptions {
+fn points(n: usize) -> ReadOptions {
+    ReadOptions {
         faces: true,
         points: Some(n),
-        ..MeshOptions::default()
+        ..ReadOptions::default()
     }
 }
 
@@ -90,15 +90,15 @@ fn colours_are_interpolated() {
 
 #[test]
 fn a_spacing_tells_the_number() {
-    let spacing = MeshOptions {
+    let spacing = ReadOptions {
         spacing: Some(0.05),
-        ..MeshOptions::default()
+        ..ReadOptions::default()
     };
     assert_eq!(sample(&square(3), "obj", spacing).len(), 400);
-    let neither = sample(&square(3), "obj", MeshOptions::default());
+    let neither = sample(&square(3), "obj", ReadOptions::default());
     assert_eq!(neither.len(), 20_000);
     let [a, b] = [0, 1].map(|seed| {
-        let options = MeshOptions { seed, ..points(50) };
+        let options = ReadOptions { seed, ..points(50) };
         sample(&square(3), "obj", options).positions
     });
     assert_ne!(a, b);
@@ -216,9 +216,9 @@ fn what_is_wrong_is_told() {
         [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]
     );
     let far = named(square(1).as_bytes(), "obj");
-    let options = MeshOptions {
+    let options = ReadOptions {
         spacing: Some(1e-9),
-        ..MeshOptions::default()
+        ..ReadOptions::default()
     };
     let error = Scan::read(far.path(), &options, &Silent).unwrap_err();
     assert!(matches!(error, Error::TooLarge(_)), "{error}");

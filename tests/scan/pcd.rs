@@ -166,22 +166,30 @@ proptest! {
 
 #[test]
 fn the_words_of_a_file_by_hand_are_understood() {
-    // The example of the format's description, with a colour of the bits 0x4a808180.
+    // The example of the format's description: a colour as a whole number, 0x404070.
     let text = "VERSION .7\r\nFIELDS x y z rgb\r\nSIZE 4 4 4 4\r\nTYPE F F F F\r\n\
                 COUNT 1 1 1 1\r\nWIDTH 3\r\nHEIGHT 1\r\nVIEWPOINT 0 0 0 1 0 0 0\r\nPOINTS 3\r\n\
                 DATA ascii\r\n0.93773 0.33763 0 4.2108e+06\r\nnan nan nan 4.2108e+06\r\n1 1 1 4.2108e+06\r\n";
     let cloud = read(text.as_bytes()).unwrap();
     assert!((cloud.positions[0] - DVec3::new(0.93773, 0.33763, 0.0)).length() < 1e-7);
     assert!(cloud.positions[1].is_nan());
-    let [blue, green, red, _] = 4.2108e6f32.to_le_bytes().map(f32::from);
+    let [blue, green, red, _] = 0x0040_4070_u32.to_le_bytes().map(f32::from);
     let linear = |byte: f32| ((byte / 255.0 + 0.055) / 1.055).powf(2.4);
     let expected = Vec3::new(linear(red), linear(green), linear(blue));
     assert!((cloud.reflectance[0] - expected).length() < 1e-6);
-    // Unsigned words say the same.
-    let whole = text.replace("F F F F", "F F F U");
-    let whole = whole.replace("4.2108e+06", &4.2108e6f32.to_bits().to_string());
-    let again = read(whole.as_bytes()).unwrap();
-    assert_eq!(again.reflectance, cloud.reflectance);
+    // Whole numbers with an alpha, with sign or without, and floats of the same bits say the same.
+    for (kind, word) in [
+        ("U", 0xff40_4070_u32.to_string()),
+        ("I", (0xff40_4070_u32 as i32).to_string()),
+        ("U", (0xff40_4070_u32 as i32).to_string()),
+        ("I", 0xff40_4070_u32.to_string()),
+        ("F", 0xff40_4070_u32.to_string()),
+        ("F", format!("{:e}", f32::from_bits(0x0040_4070))),
+    ] {
+        let other = text.replace("F F F F", &format!("F F F {kind}"));
+        let other = read(other.replace("4.2108e+06", &word).as_bytes()).unwrap();
+        assert_eq!(other.reflectance, cloud.reflectance, "{kind} {word}");
+    }
     // The origin is no scanner of points that lie far from it.
     assert_eq!(cloud.scanners.len(), 1);
     let far = text

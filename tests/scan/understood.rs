@@ -84,17 +84,97 @@ fn colours_follow_their_type() {
     };
     let (ushort, _) = colour("ushort", "65535 0 48316");
     assert!((ushort - Vec3::new(0.9, 0.0, 0.502_886)).length() < 1e-4);
-    let (float, _) = colour("float", "1 0 0.5");
-    assert_eq!(
-        float,
-        Vec3::new(1.0, 0.0, 0.5),
-        "float colours are linear and not capped"
-    );
-    let (int, repairs) = colour("int", "1 2 3");
-    assert_eq!(int, Vec3::splat(0.5));
-    assert!(repairs[0].contains("only uchar, ushort and float"));
+    // Floats up to 1, up to 255, whole numbers of 8 bits in more, signed bytes: all say the same.
+    for (kind, values) in [
+        ("float", "1 0 0.737255"),
+        ("double", "255 0 188"),
+        ("float", "255.0 0 188.0"),
+        ("ushort", "255 0 188"),
+        ("int", "255 0 188"),
+        ("char", "-1 0 -68"),
+        ("ushort", "65280 0 48128"),
+    ] {
+        let (reflectance, _) = colour(kind, values);
+        let expected = Vec3::new(0.9, 0.0, 0.502_886);
+        assert!(
+            (reflectance - expected).length() < 1e-4,
+            "{kind} {values}: {reflectance}"
+        );
+    }
+    let (black, repairs) = colour("uchar", "0 0 0");
+    assert_eq!(black, Vec3::splat(0.5));
+    assert_eq!(repairs, ["2 colours left out: all are black"]);
+    let (unknown, repairs) = colour("int", "1 2 70000");
+    assert_eq!(unknown, Vec3::splat(0.5));
+    assert!(repairs[0].contains("values up to 70000 are of no known depth"));
     let none = read(&two_points("", "", "")).unwrap();
     assert_eq!(none.reflectance, [Vec3::splat(0.5); 2]);
+}
+
+#[test]
+fn colours_are_what_they_are_told_to_be() {
+    let properties = ["red", "green", "blue"].map(|name| format!("property float {name}\n"));
+    let file = file(&two_points(&properties.concat(), "1 0 0.5", "0 0 0"));
+    let read = |colours| {
+        let options = ReadOptions {
+            colours,
+            ..ReadOptions::default()
+        };
+        Scan::read(file.path(), &options, &Silent).unwrap()
+    };
+    let taken = read(None);
+    assert!((taken.cloud.reflectance[0] - Vec3::new(0.9, 0.0, 0.214_041)).length() < 1e-5);
+    assert!(
+        taken
+            .taken
+            .contains("colours red green blue: sRGB, 0 to 1 (if they are linear")
+    );
+    let linear = read(Some(ColourSpace::Linear)).cloud.reflectance[0];
+    assert_eq!(linear, Vec3::new(1.0, 0.0, 0.5));
+    let dark = read(Some(ColourSpace::Srgb8)).cloud.reflectance[0];
+    assert!(dark.x < 1e-3 && dark.x > 0.0);
+}
+
+#[test]
+fn one_table_has_the_names_of_all_formats() {
+    let names = |names: &[&str], kind: &str| {
+        let line = |name: &&str| format!("property {kind} {name}\n");
+        names.iter().map(line).collect::<String>()
+    };
+    for (normals, colours) in [
+        (
+            ["NormalX", "NormalY", "NormalZ"],
+            ["diffuse_red", "diffuse_green", "diffuse_blue"],
+        ),
+        (["normal_x", "normal_y", "normal_z"], ["R", "G", "B"]),
+        (["Nx", "Ny", "Nz"], ["scalar_Rf", "scalar_Gf", "scalar_Bf"]),
+    ] {
+        let extra = names(&normals, "float") + &names(&colours, "float");
+        let cloud = read(&two_points(&extra, "0 0 1 255 0 188", "1 0 0 0 0 0")).unwrap();
+        assert_eq!(cloud.normals, [Vec3::Z, Vec3::X]);
+        assert!((cloud.reflectance[0] - Vec3::new(0.9, 0.0, 0.502_886)).length() < 1e-4);
+    }
+    // Splats: 0.5 + 0.28209 f.
+    let splats = names(&["f_dc_0", "f_dc_1", "f_dc_2"], "float");
+    let cloud = read(&two_points(&splats, "9 -9 0.841063", "0 0 0")).unwrap();
+    assert!((cloud.reflectance[0] - Vec3::new(0.9, 0.0, 0.502_886)).length() < 1e-4);
+    assert!((cloud.reflectance[1].x - 0.214_041).abs() < 1e-5);
+    // A share of the light is grey, decibels are not.
+    let grey = read(&two_points("property float reflectance\n", "0.25", "1")).unwrap();
+    assert_eq!(grey.reflectance, [Vec3::splat(0.25), Vec3::ONE]);
+    let decibels = read(&two_points("property float reflectance\n", "-12.5", "-3")).unwrap();
+    assert_eq!(decibels.reflectance, [Vec3::splat(0.5); 2]);
+    assert_eq!(
+        decibels.repairs,
+        ["2 reflectances left out: not all are from 0 to 1"]
+    );
+    let packed = read(&two_points(
+        "property uint rgba\n",
+        "4294901948",
+        "4278190080",
+    ))
+    .unwrap();
+    assert!((packed.reflectance[0] - Vec3::new(0.9, 0.0, 0.502_886)).length() < 1e-4);
 }
 
 #[test]

@@ -3,8 +3,9 @@
 use e57::{PointCloud, Record, RecordDataType, RecordName, RecordValue};
 use glam::{DQuat, DVec3, Vec3};
 
-use crate::colour::srgb_to_linear;
 use crate::points::{DEFAULT_REFLECTANCE, Grid, MAX_COLOUR_REFLECTANCE};
+use crate::scan::colours::Stored;
+use crate::scan::names;
 
 /// A field, and how its stored values are to be read.
 #[derive(Clone, Copy)]
@@ -26,20 +27,26 @@ pub struct Fields {
     /// Range, azimuth, elevation.
     spherical: Option<Checked<3>>,
     normal: Option<Checked<3>>,
-    colour: Option<(Checked<3>, [Span; 3])>,
+    colour: Option<(Checked<3>, Shades)>,
     intensity: Option<(Checked<1>, Span)>,
 }
 
 /// The values from black to white.
-#[derive(Clone, Copy)]
-struct Span {
-    min: f64,
-    max: f64,
+#[derive(Clone, Copy, PartialEq)]
+pub struct Span {
+    pub min: f64,
+    pub max: f64,
+}
+
+/// How the colours of a scan are stored, and their limits, if they have any.
+#[derive(Clone, Copy, PartialEq)]
+pub struct Shades {
+    pub stored: Stored,
+    pub limits: Option<[Span; 3]>,
 }
 
 impl Fields {
-    /// Tells in `repairs` what cannot be used, and why.
-    pub fn find(scan: &PointCloud, repairs: &mut Vec<String>) -> Self {
+    pub fn find(scan: &PointCloud) -> Self {
         use RecordName as Name;
         let one = |name: &Name| Field::find(&scan.prototype, name);
         let checked = |names: [Name; 3], state: Name| {
@@ -49,10 +56,15 @@ impl Fields {
                 state: one(&state),
             })
         };
-        let normal = ["normalX", "normalY", "normalZ"].map(|name| {
-            let is = |record: &&Record| matches!(&record.name, Name::Unknown { name: n, .. } if n == name);
-            one(&scan.prototype.iter().find(is)?.name)
-        });
+        // Of extensions, by whatever name they have.
+        let others: Vec<&str> = (scan.prototype.iter())
+            .map(|record| match &record.name {
+                Name::Unknown { name, .. } => name.as_str(),
+                _ => "",
+            })
+            .collect();
+        let normal =
+            ["nx", "ny", "nz"].map(|axis| one(&scan.prototype[names::find(&others, axis)?].name));
         let limits = scan.color_limits.as_ref();
         let spans = [
             (Name::ColorRed, limits.map(|l| (&l.red_min, &l.red_max))),
@@ -67,17 +79,17 @@ impl Fields {
             [Name::ColorRed, Name::ColorGreen, Name::ColorBlue],
             Name::IsColorInvalid,
         );
-        let colour = match (colours, spans) {
-            (Some(fields), [Some(r), Some(g), Some(b)]) => Some((fields, [r, g, b])),
-            (Some(_), _) => {
-                repairs.push(format!(
-                    "{} colours left out: no limits are given",
-                    scan.records
-                ));
-                None
-            }
-            (None, _) => None,
-        };
+        let colour = colours.map(|fields| {
+            let [red, ..] = &fields.fields;
+            let shades = Shades {
+                stored: stored(&scan.prototype[red.index].data_type),
+                limits: match spans {
+                    [Some(r), Some(g), Some(b)] => Some([r, g, b]),
+                    _ => None,
+                },
+            };
+            (fields, shades)
+        });
         let limits = scan.intensity_limits.as_ref();
         let span = Span::of(
             &scan.prototype,
@@ -150,20 +162,23 @@ impl Fields {
         Some(DVec3::from(normal).as_vec3())
     }
 
-    /// Colours are sRGB; where there are none, intensity is a linear grey.
-    pub fn reflectance(&self, values: &[RecordValue]) -> Vec3 {
-        let colour = self.colour.as_ref().and_then(|(fields, spans)| {
-            let colour = fields.values(values)?;
-            let linear = |k: usize| srgb_to_linear(spans[k].place(colour[k]));
-            Some(Vec3::from([0, 1, 2].map(linear)))
+    /// How colours are stored, if there are any.
+    pub fn shades(&self) -> Option<Shades> {
+        self.colour.as_ref().map(|(_, shades)| *shades)
+    }
+
+    /// The colour as it is stored, no number where it is invalid; where the scan has none, a reflectance:
+    /// intensity is a linear grey.
+    pub fn colour(&self, values: &[RecordValue]) -> Vec3 {
+        if let Some((fields, _)) = &self.colour {
+            let stored = fields.values(values).map(DVec3::from);
+            return stored.map_or(Vec3::NAN, |colour| colour.as_vec3());
+        }
+        let grey = self.intensity.as_ref().and_then(|(field, span)| {
+            let grey = span.place(field.values(values)?[0]);
+            Some(Vec3::splat(grey.min(MAX_COLOUR_REFLECTANCE)))
         });
-        let grey = || {
-            let (field, span) = self.intensity.as_ref()?;
-            Some(Vec3::splat(span.place(field.values(values)?[0])))
-        };
-        let white = Vec3::splat(MAX_COLOUR_REFLECTANCE);
-        let reflectance = colour.or_else(grey);
-        reflectance.map_or(Vec3::splat(DEFAULT_REFLECTANCE), |r| r.min(white))
+        grey.unwrap_or(Vec3::splat(DEFAULT_REFLECTANCE))
     }
 
     /// The grid of coordinates that are scaled integers.
@@ -241,13 +256,25 @@ impl Span {
     }
 
     /// Where in the span a value is, from 0 to 1.
-    fn place(&self, value: f64) -> f32 {
+    pub fn place(&self, value: f64) -> f32 {
         let place = ((value - self.min) / (self.max - self.min)) as f32;
         if place.is_nan() {
             0.5
         } else {
             place.clamp(0.0, 1.0)
         }
+    }
+}
+
+/// How a field of this type holds a colour.
+fn stored(kind: &RecordDataType) -> Stored {
+    match kind {
+        RecordDataType::Integer {
+            min: 0..,
+            max: ..=255,
+        } => Stored::Bytes,
+        RecordDataType::Integer { .. } => Stored::Whole,
+        _ => Stored::Floats,
     }
 }
 

@@ -11,10 +11,11 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::Scan;
-use crate::colour::srgb_to_linear;
+use super::colours::Stored;
+use super::fields::judge_colours;
+use super::{ReadOptions, Scan};
 use crate::error::{Error, Result};
-use crate::points::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
+use crate::points::{DEFAULT_REFLECTANCE, PointCloud};
 use crate::progress::Progress;
 use chunks::{Chunk, Compression};
 use header::Header;
@@ -26,7 +27,7 @@ const BLOCK: u64 = 4 << 20;
 ///
 /// Understood are the coordinates, on their grid, and the colours. Intensities are no colours:
 /// they fall with the distance.
-pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
+pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Result<Scan> {
     let (file, bytes) = super::open_sized(path)?;
     let mut las = Las {
         path,
@@ -45,7 +46,7 @@ pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
     let record = Record::new(&header);
     // The decompressor answers damaged data with errors as far as is known. Should it panic, this
     // is still an error of the file, and no reason to end the program.
-    let points = catch_unwind(AssertUnwindSafe(|| match header.format.is_compressed {
+    let mut points = catch_unwind(AssertUnwindSafe(|| match header.format.is_compressed {
         true => las.compressed(&header, &record),
         false => las.plain(&header, &record),
     }))
@@ -57,18 +58,26 @@ pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
     } else {
         "LAS"
     };
-    let reflectance = reflectance(&points.colours, &mut repairs)
-        .unwrap_or_else(|| vec![Vec3::splat(DEFAULT_REFLECTANCE); count]);
+    let colours = &mut points.colours;
+    let how = judge_colours(colours, Stored::Whole, options.colours, &mut repairs);
+    let taken = match how {
+        Some(how) => format!("place x y z; colours red green blue: {how}"),
+        None => format!("place x y z; no colours: reflectance {DEFAULT_REFLECTANCE}"),
+    };
+    points
+        .colours
+        .resize(count, Vec3::splat(DEFAULT_REFLECTANCE));
     Ok(Scan {
         format: format!(
             "{kind} {}, point format {}",
             header.version, header.format_number
         ),
         fields: header.fields(),
+        taken,
         cloud: PointCloud {
             emission: vec![Vec3::ZERO; count],
             positions: points.positions,
-            reflectance,
+            reflectance: points.colours,
             grid: Some(header.grid),
             repairs,
             ..PointCloud::default()
@@ -90,7 +99,7 @@ struct Record {
 #[derive(Default)]
 struct Points {
     positions: Vec<DVec3>,
-    colours: Vec<[u16; 3]>,
+    colours: Vec<Vec3>,
 }
 
 impl Record {
@@ -116,7 +125,8 @@ impl Record {
         }));
         if let Some(colour) = self.colour {
             points.colours.extend(rows.map(|row| {
-                [0, 2, 4].map(|at| u16::from_le_bytes([row[colour + at], row[colour + at + 1]]))
+                let level = |at| u16::from_le_bytes([row[colour + at], row[colour + at + 1]]);
+                Vec3::from([0, 2, 4].map(|at| f32::from(level(at))))
             }));
         }
     }
@@ -231,39 +241,4 @@ impl Las<'_> {
         }
         Ok(points)
     }
-}
-
-/// Reflectances of sRGB colours, whose writers fill the 16 bits in different ways; `None` if there
-/// are no colours.
-fn reflectance(colours: &[[u16; 3]], repairs: &mut Vec<String>) -> Option<Vec<Vec3>> {
-    let (all, largest, lower) = colours
-        .par_iter()
-        .flatten_iter()
-        .map(|&c| (1, c, c & 0xff))
-        .reduce(|| (0, 0, 0), |a, b| (a.0 + b.0, a.1.max(b.1), a.2 | b.2));
-    let count = all / 3;
-    let levels: fn(u16) -> f32 = match (largest, lower) {
-        (0, _) => {
-            if count > 0 {
-                repairs.push(format!("{count} colours left out: all are black"));
-            }
-            return None;
-        }
-        (..=0xff, _) => {
-            repairs.push(format!("{count} colours of 8 bit found in 16"));
-            |c| f32::from(c) / 255.0
-        }
-        (_, 0) => {
-            repairs.push(format!(
-                "{count} colours of 8 bit found in the upper half of 16"
-            ));
-            |c| f32::from(c >> 8) / 255.0
-        }
-        _ => |c| f32::from(c) / 65535.0,
-    };
-    let table: Vec<f32> = (0..=u16::MAX)
-        .map(|c| srgb_to_linear(levels(c).min(1.0)).min(MAX_COLOUR_REFLECTANCE))
-        .collect();
-    let linear = |colour: &[u16; 3]| Vec3::from(colour.map(|c| table[usize::from(c)]));
-    Some(colours.par_iter().map(linear).collect())
 }

@@ -8,9 +8,10 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::fields::{Builder, Colour, Fields, Rows};
-use super::lines::{Lines, not_a_number, words};
-use super::{Scan, scanner};
+use super::colours::Stored;
+use super::fields::{Builder, Fields, Rows};
+use super::lines::{Lines, not_a_number, number, words};
+use super::{ReadOptions, Scan, names, scanner};
 use crate::error::{Error, Result};
 use crate::memory;
 use crate::progress::Progress;
@@ -24,10 +25,10 @@ const GRAIN: usize = 4096;
 
 /// Reads a PCD file.
 ///
-/// Understood are `x y z`, `normal_x normal_y normal_z`, and colour as `rgb` or `rgba`, packed into
-/// one value; the other names are those of PLY files. Points that are no numbers, as organised
+/// Understood are the [names](super::names) of PLY files, and colour as `rgb` or `rgba`, packed into one
+/// value. Points that are no numbers, as organised
 /// clouds have them, stay in the cloud. Where VIEWPOINT tells it, the scanner stands.
-pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
+pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Result<Scan> {
     let (file, bytes) = super::open_sized(path)?;
     progress.stage("reading", bytes);
     let mut input = BufReader::with_capacity(1 << 16, file);
@@ -39,14 +40,15 @@ pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
         return Err(Error::input(path, "empty cloud: the header says 0 points"));
     }
     let mut repairs = Vec::new();
-    let columns = Columns::of(&header);
-    let fields = Fields::find(
-        |name| columns.find(name),
-        |of, repairs| columns.colour(of, repairs),
-        &mut repairs,
-    );
+    let (names, columns) = columns(&header);
+    let stored = |column: usize| match columns[column].kind {
+        Kind::U1 => Stored::Bytes,
+        Kind::F4 | Kind::F8 => Stored::Floats,
+        _ => Stored::Whole,
+    };
+    let fields = Fields::find(&names, stored, &mut repairs);
     let fields = fields.ok_or_else(|| Error::input(path, "the fields lack x, y or z"))?;
-    let chosen: Vec<Column> = fields.columns.iter().map(|&i| columns.0[i].1).collect();
+    let chosen: Vec<Column> = fields.columns.iter().map(|&i| columns[i]).collect();
     let mut builder = Builder::new(fields, 0);
     let mut take = |rows: Rows| builder.append(rows);
     let body = Body {
@@ -60,7 +62,7 @@ pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
         Data::Binary => body.binary(input, &mut take)?,
         Data::Compressed => body.compressed(input, bytes, &mut take)?,
     }
-    let mut cloud = builder.finish(repairs);
+    let (mut cloud, taken) = builder.finish(options.colours, repairs);
     cloud
         .scanners
         .extend(scanner(&cloud, 0..cloud.len(), header.viewpoint));
@@ -77,6 +79,7 @@ pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
     Ok(Scan {
         format: format!("PCD, {encoding}{size}"),
         fields: header.fields.into_iter().map(|field| field.name).collect(),
+        taken,
         sampled: false,
         cloud,
     })
@@ -85,62 +88,48 @@ pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
 /// A value within the bytes of a point.
 #[derive(Clone, Copy)]
 struct Column {
-    /// Field, and byte within it.
     field: usize,
-    byte: usize,
     kind: Kind,
+    /// Whether it packs a colour.
+    packed: bool,
 }
 
 impl Column {
     fn decode(self, bytes: &[u8]) -> f64 {
-        self.kind.decode(&bytes[self.byte..])
+        match (self.packed, self.kind, self.kind.decode(bytes)) {
+            // Many colours as bits are no number of which a float keeps the bits.
+            (true, Kind::F4, value) if value.fract() != 0.0 || value.abs() >= 2f64.powi(32) => {
+                Kind::U4.decode(bytes)
+            }
+            (.., value) => value,
+        }
+    }
+
+    /// The value of a word; packed colours keep all digits.
+    fn parse(self, word: &[u8]) -> Option<f64> {
+        let mut bytes = [0; 8];
+        match self.packed {
+            true => number(word),
+            false => {
+                self.kind.encode(word, &mut bytes)?;
+                Some(self.kind.decode(&bytes))
+            }
+        }
     }
 }
 
-/// All values that a point has, by their names in PLY files.
-struct Columns(Vec<(String, Column)>);
-
-impl Columns {
-    fn of(header: &Header) -> Self {
-        let mut columns = Vec::new();
-        for (field, of) in header.fields.iter().enumerate() {
-            let mut add = |name: &str, byte, kind| {
-                columns.push((name.to_owned(), Column { field, byte, kind }));
-            };
-            match &*of.name {
-                // 0xRRGGBB in the bits of the value, whatever its type.
-                "rgb" | "rgba" if of.kind.size() == 4 => {
-                    for (byte, name) in ["blue", "green", "red"].into_iter().enumerate() {
-                        add(name, byte, Kind::U1);
-                    }
-                }
-                "normal_x" => add("nx", 0, of.kind),
-                "normal_y" => add("ny", 0, of.kind),
-                "normal_z" => add("nz", 0, of.kind),
-                name => add(name, 0, of.kind),
-            }
-        }
-        Columns(columns)
-    }
-
-    fn find(&self, name: &str) -> Option<usize> {
-        self.0.iter().position(|(other, _)| other == name)
-    }
-
-    /// How three columns hold a colour.
-    fn colour(&self, columns: [usize; 3], repairs: &mut Vec<String>) -> Option<Colour> {
-        let kinds = columns.map(|column| self.0[column].1.kind);
-        let colour = match kinds {
-            [Kind::U1, Kind::U1, Kind::U1] => Some(Colour::srgb(1 << 8)),
-            [Kind::U2, Kind::U2, Kind::U2] => Some(Colour::srgb(1 << 16)),
-            [Kind::F4 | Kind::F8, ..] => Some(Colour::Linear),
-            _ => None,
+/// All fields of a point, with their names.
+fn columns(header: &Header) -> (Vec<&str>, Vec<Column>) {
+    let fields = header.fields.iter().enumerate();
+    let column = |(i, field): (usize, &header::Field)| {
+        let column = Column {
+            field: i,
+            kind: field.kind,
+            packed: names::meaning(&field.name) == Some("rgb"),
         };
-        if colour.is_none() {
-            repairs.push("red green blue left out: only U 1, U 2 and F are understood".to_owned());
-        }
-        colour
-    }
+        (header.fields[i].name.as_str(), column)
+    };
+    fields.map(column).unzip()
 }
 
 /// The points of a file, behind its header.
@@ -160,16 +149,15 @@ impl Body<'_> {
             let mut words = words(line);
             for (i, field) in header.fields.iter().enumerate() {
                 let missing = || format!("the line ends before the value of {:?}", field.name);
-                let mut bytes = [0; 8];
                 let word = words.next().ok_or_else(missing)?;
-                let encoded = field.kind.encode(word, &mut bytes);
-                encoded.ok_or_else(|| not_a_number(word, &format!("field {:?}", field.name)))?;
+                let wrong = || not_a_number(word, &format!("field {:?}", field.name));
+                number(word).ok_or_else(wrong)?;
                 for _ in 1..field.count {
                     words.next().ok_or_else(missing)?;
                 }
                 for (value, column) in row.iter_mut().zip(self.columns) {
                     if column.field == i {
-                        *value = column.decode(&bytes);
+                        *value = column.parse(word).ok_or_else(wrong)?;
                     }
                 }
             }

@@ -8,23 +8,24 @@ use ply_rs::ply::{Encoding, ScalarType};
 use super::PlyFile;
 use crate::error::Result;
 use crate::progress::Progress;
-use crate::scan::fields::{Builder, Colour, Fields};
+use crate::scan::colours::Stored;
+use crate::scan::fields::{Builder, Fields};
 use crate::scan::mesh::Mesh;
-use crate::scan::{MeshOptions, Scan};
+use crate::scan::{ReadOptions, Scan};
 
 /// Reads a PLY file.
 ///
-/// Understood are `x y z`, `nx ny nz`, `radius` or `area`, and as reflectance
-/// `reflectance_red/green/blue` (linear) or `red green blue` (sRGB if 8 or 16 bit, linear if float),
-/// and `emission_red/green/blue`; each also with the prefix `scalar_`. Other properties are skipped.
+/// Understood are `x y z`, `nx ny nz`, `radius` or `area`, as reflectance `reflectance_red/green/blue`
+/// (linear) or else `red green blue` ([sRGB](crate::scan::colours)), and `emission_red/green/blue`, by all
+/// their [names](crate::scan::names). Other properties are skipped.
 /// Areas that are no positive number become 0, which stands for unknown. Points whose coordinates
 /// or normals are no numbers stay in the cloud. Vertices without normals get those of their faces.
-pub fn read(path: &Path, mesh: &MeshOptions, progress: &dyn Progress) -> Result<Scan> {
+pub fn read(path: &Path, mesh: &ReadOptions, progress: &dyn Progress) -> Result<Scan> {
     let mut ply = PlyFile::open(path)?;
     let mut repairs = Vec::new();
     let fields = Fields::find(
-        |name| ply.column(name),
-        |columns, repairs| colour(&ply, columns, repairs),
+        &ply.single_names(),
+        |column| stored(ply.scalar(column)),
         &mut repairs,
     );
     let fields = fields.ok_or_else(|| {
@@ -45,10 +46,12 @@ pub fn read(path: &Path, mesh: &MeshOptions, progress: &dyn Progress) -> Result<
             builder.append(rows);
         },
     )?;
+    let (cloud, taken) = builder.finish(mesh.colours, repairs);
     let mut scan = Scan {
         format: ply.describe(),
         fields: ply.names(),
-        cloud: builder.finish(repairs),
+        taken,
+        cloud,
         sampled: false,
     };
     match faces {
@@ -77,21 +80,13 @@ pub fn read(path: &Path, mesh: &MeshOptions, progress: &dyn Progress) -> Result<
     Ok(scan)
 }
 
-/// How three properties hold a colour.
-fn colour(ply: &PlyFile, columns: [usize; 3], repairs: &mut Vec<String>) -> Option<Colour> {
-    let types = columns.map(|column| ply.scalar(column));
-    let colour = match types[0] {
-        _ if types.iter().any(|&other| other != types[0]) => None,
-        ScalarType::UChar => Some(Colour::srgb(1 << 8)),
-        ScalarType::UShort => Some(Colour::srgb(1 << 16)),
-        ScalarType::Float | ScalarType::Double => Some(Colour::Linear),
-        _ => None,
-    };
-    if colour.is_none() {
-        let what = "red green blue left out: only uchar, ushort and float are understood";
-        repairs.push(what.to_owned());
+/// How a property of this type holds a colour.
+fn stored(scalar: &ScalarType) -> Stored {
+    match scalar {
+        ScalarType::UChar => Stored::Bytes,
+        ScalarType::Float | ScalarType::Double => Stored::Floats,
+        _ => Stored::Whole,
     }
-    colour
 }
 
 impl PlyFile {

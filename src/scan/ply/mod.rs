@@ -60,12 +60,20 @@ impl PlyFile {
 
     /// Index of a scalar property of the vertices, by its name with or without `scalar_`.
     pub fn column(&self, name: &str) -> Option<usize> {
-        let find = |name: &str| {
-            self.element().properties.values().position(|property| {
-                property.name == name && matches!(property.data_type, PropertyType::Scalar(_))
-            })
-        };
+        let names = self.single_names();
+        let find = |name: &str| names.iter().position(|other| *other == name);
         find(name).or_else(|| find(&format!("scalar_{name}")))
+    }
+
+    /// The names of the vertices' properties; empty for lists.
+    fn single_names(&self) -> Vec<&str> {
+        let properties = self.element().properties.values();
+        properties
+            .map(|property| match property.data_type {
+                PropertyType::Scalar(_) => property.name.as_str(),
+                PropertyType::List(..) => "",
+            })
+            .collect()
     }
 
     fn scalar(&self, column: usize) -> &ScalarType {

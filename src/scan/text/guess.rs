@@ -38,15 +38,6 @@ impl Sample {
             .map(move |line| line[at])
     }
 
-    /// The largest value of a column; 0 without any.
-    pub fn largest(&self, at: usize) -> f64 {
-        if at < self.columns {
-            self.one(at).fold(0.0, f64::max)
-        } else {
-            0.0
-        }
-    }
-
     fn are_normals(&self, at: usize) -> bool {
         let mut some = false;
         at + 3 <= self.columns

@@ -5,9 +5,10 @@ mod table;
 
 use std::path::Path;
 
-use super::Scan;
+use super::colours::Stored;
 use super::fields::{Builder, Fields};
 use super::lines::Lines;
+use super::{ReadOptions, Scan};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use table::{Table, count, lines_of};
@@ -18,15 +19,11 @@ use table::{Table, count, lines_of};
 /// are, also as a comment (`//X Y Z R G B`); otherwise it is [guessed](guess). A number alone in a
 /// line before the points is their count, which must come true; PTS files have several such blocks.
 /// Lines that begin with `#`, `//`, `%` or `!` are comments.
-pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
+pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Result<Scan> {
     let mut lines = Lines::open(path, progress)?;
     let table = Table::of(lines.ahead()?).map_err(|what| Error::input(path, what))?;
     let mut repairs = Vec::new();
-    let fields = Fields::find(
-        |name| table.names.iter().position(|n| n == name),
-        |columns, _| Some(table.colour(columns)),
-        &mut repairs,
-    );
+    let fields = Fields::find(&table.names, |_| Stored::Words, &mut repairs);
     let fields = fields.ok_or_else(|| {
         let names = table.names.join(" ");
         Error::input(path, format!("the columns \"{names}\" lack x, y or z"))
@@ -62,14 +59,18 @@ pub fn read(path: &Path, progress: &dyn Progress) -> Result<Scan> {
         ));
     }
     repairs.extend(lines.doubt().filter(|_| more > 0));
+    let (cloud, mut taken) = builder.finish(options.colours, repairs);
     if table.is_guessed && table.names.len() > 3 {
-        let names = table.names.join(" ");
-        progress.note(&format!("{}: columns taken as {names}", path.display()));
+        taken = format!(
+            "columns without names taken as {}; {taken}",
+            table.names.join(" ")
+        );
     }
     Ok(Scan {
         format: table.describe(),
+        taken,
         sampled: false,
-        cloud: builder.finish(repairs),
+        cloud,
         fields: table.names,
     })
 }

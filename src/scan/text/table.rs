@@ -3,8 +3,8 @@
 use memchr::memchr;
 
 use super::guess::{self, Sample};
-use crate::scan::fields::Colour;
 use crate::scan::lines::{not_a_number, number};
+use crate::scan::names;
 
 type Parsed<T> = Result<T, String>;
 
@@ -18,7 +18,6 @@ pub struct Table {
     /// A first line that is no comment has the names.
     pub has_header: bool,
     pub is_guessed: bool,
-    sample: Sample,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -151,7 +150,6 @@ impl Table {
             names,
             has_header,
             is_guessed,
-            sample,
         })
     }
 
@@ -162,7 +160,6 @@ impl Table {
             names: ["x", "y", "z"].map(str::to_owned).to_vec(),
             has_header: false,
             is_guessed: true,
-            sample: Sample::new(3, std::iter::empty()),
         }
     }
 
@@ -178,19 +175,6 @@ impl Table {
             (true, _) => ", meaning of columns guessed",
         };
         format!("text, parted by {delimiter}{names}")
-    }
-
-    /// How three columns hold a colour, which their values tell.
-    pub fn colour(&self, columns: [usize; 3]) -> Colour {
-        match columns
-            .map(|column| self.sample.largest(column))
-            .into_iter()
-            .fold(0.0, f64::max)
-        {
-            largest if largest <= 1.0 => Colour::SrgbFraction,
-            largest if largest <= 255.0 => Colour::srgb(1 << 8),
-            _ => Colour::srgb(1 << 16),
-        }
     }
 
     /// Parses one line; the value of column `i` goes to `row[slots[i]]`.
@@ -251,31 +235,13 @@ fn comment_with_names(text: &[u8], fits: impl Fn(&[u8]) -> bool) -> Option<&[u8]
 }
 
 fn has_place(names: &[String]) -> bool {
-    ["x", "y", "z"]
-        .iter()
-        .all(|place| names.iter().any(|name| name == place))
+    let is_known = |axis| names::find(names, axis).is_some();
+    ["x", "y", "z"].into_iter().all(is_known)
 }
 
-/// The name that a PLY file has for what is meant, or the name without case, unit and quotes.
+/// The name of a column, without quotes around it.
 fn plain_name(name: &[u8]) -> String {
-    let name = String::from_utf8_lossy(name).to_lowercase();
-    let name = name.split(['(', '[']).next().unwrap_or_default();
-    let name = name.trim_matches(|c: char| c == '"' || c == '\'' || c.is_whitespace());
-    let name = name.replace([' ', '.', '-', ':'], "_");
-    let name = name.strip_prefix("scalar_").unwrap_or(&name);
-    let plain = match name {
-        "easting" | "east" | "coord_x" | "pos_x" | "position_x" | "points_0" => "x",
-        "northing" | "north" | "coord_y" | "pos_y" | "position_y" | "points_1" => "y",
-        "height" | "elevation" | "altitude" | "coord_z" | "pos_z" | "position_z" | "points_2" => {
-            "z"
-        }
-        "normal_x" | "normalx" | "n_x" | "normals_0" => "nx",
-        "normal_y" | "normaly" | "n_y" | "normals_1" => "ny",
-        "normal_z" | "normalz" | "n_z" | "normals_2" => "nz",
-        "r" | "rf" => "red",
-        "g" | "gf" => "green",
-        "b" | "bf" => "blue",
-        other => other,
-    };
-    plain.to_owned()
+    let name = String::from_utf8_lossy(name);
+    name.trim_matches(|c: char| c == '"' || c == '\'' || c.is_whitespace())
+        .to_owned()
 }
