@@ -258,7 +258,7 @@ fn limits_say_what_is_white() {
             max: i64::MAX,
         },
     );
-    let xyz = doubles([0.0; 3]);
+    let xyz = doubles([1.0; 3]);
     let bytes = file(|out| {
         let colour = |value| [&xyz[..], &integers([value, value, value])].concat();
         let fields = [&XYZ[..], &colours].concat();
@@ -280,6 +280,92 @@ fn limits_say_what_is_white() {
         assert!((r - e).abs() < 2e-4, "{reflectance:?}");
     }
     assert_eq!(cloud.repairs, ["2 colours made of intensities"]);
+}
+
+#[test]
+fn limits_that_lie_are_left_out() {
+    let wide = |name| field(name, RecordDataType::U16);
+    let colours = [
+        wide(RecordName::ColorRed),
+        wide(RecordName::ColorGreen),
+        wide(RecordName::ColorBlue),
+    ];
+    let fields = [&XYZ[..], &colours].concat();
+    let read = |limit: i64, brightest: i64| {
+        let limit = || Some(RecordValue::Integer(limit));
+        let bytes = file(|out| {
+            let point = |value| [&doubles([1.0; 3])[..], &integers([value; 3])].concat();
+            let (dark, bright) = (point(0), point(brightest));
+            add(out, &fields, &[&dark, &bright], |scan| {
+                scan.set_color_limits(Some(ColorLimits {
+                    red_min: Some(RecordValue::Integer(0)),
+                    red_max: limit(),
+                    green_min: Some(RecordValue::Integer(0)),
+                    green_max: limit(),
+                    blue_min: Some(RecordValue::Integer(0)),
+                    blue_max: limit(),
+                }));
+            })
+        });
+        let cloud = read(&bytes).unwrap();
+        (cloud.reflectance[1].x, cloud.repairs)
+    };
+    for (limit, brightest) in [(65535, 188), (255, 188 * 257), (100, 188)] {
+        let (reflectance, repairs) = read(limit, brightest);
+        assert!(
+            (reflectance - 0.502_886).abs() < 1e-4,
+            "{limit}: {reflectance}"
+        );
+        assert!(
+            repairs[0].contains("limits of the colours, 0 to"),
+            "{repairs:?}"
+        );
+    }
+    assert!(read(1000, 737).1.is_empty());
+}
+
+#[test]
+fn poses_that_say_nothing_are_none() {
+    let turned = |w, x| Transform {
+        rotation: Quaternion {
+            w,
+            x,
+            y: 0.0,
+            z: 0.0,
+        },
+        translation: Translation {
+            x: 0.0,
+            y: 0.0,
+            z: x,
+        },
+    };
+    let read = |pose: Transform| {
+        let bytes = file(|out| {
+            let points = [[1.0, 2.0, 3.0], [0.0; 3], [-1.0, 0.0, 2.0], [0.0; 3]].map(doubles);
+            let points: Vec<&[RecordValue]> = points.iter().map(|p| &p[..]).collect();
+            add(out, &XYZ, &points, |scan| {
+                scan.set_transform(Some(pose.clone()))
+            })
+        });
+        read(&bytes).unwrap()
+    };
+    let left_out =
+        "2 points left out: at the place of the scanner, as directions without a return are";
+    let zero = read(turned(0.0, 0.0));
+    assert_eq!(
+        zero.positions,
+        [dvec3(1.0, 2.0, 3.0), dvec3(-1.0, 0.0, 2.0)]
+    );
+    assert_eq!(
+        zero.repairs,
+        [
+            "1 pose whose rotation is all zeros: taken as not turned",
+            left_out
+        ]
+    );
+    // The default is no evidence for a scanner, another turn or place is.
+    assert!(zero.scanners.is_empty() && read(turned(1.0, 0.0)).scanners.is_empty());
+    assert_eq!(read(turned(1.0, 1.0)).scanners.len(), 1);
 }
 
 #[test]

@@ -7,6 +7,8 @@ use std::sync::LazyLock;
 
 use damage::{Noting, damaged, error, largest_allocation, panics, read, read_scan};
 use fmmgi_gpu::points::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE};
+use fmmgi_gpu::progress::Silent;
+use fmmgi_gpu::scan::{ReadOptions, Scan};
 use glam::{DVec3, Vec3};
 use las::point::Format;
 use las::{Builder, Color, Point, Transform, Vector, Vlr, Writer};
@@ -192,6 +194,102 @@ fn colours_are_recognised_however_they_are_stored() {
             cloud.repairs
         );
     }
+}
+
+/// A file of points of these classes, of which every third is withheld.
+fn flagged(format: u8, compressed: bool) -> Vec<u8> {
+    let mut builder = Builder::from((1, if format < 4 { 2 } else { 4 }));
+    builder.point_format = Format::new(format).unwrap();
+    builder.point_format.is_compressed = compressed;
+    builder.point_format.extra_bytes = 12;
+    let mut names = Vec::new();
+    for name in ["NormalX", "NormalY", "NormalZ"] {
+        let mut description = vec![0; 192];
+        description[2] = 9;
+        description[4..4 + name.len()].copy_from_slice(name.as_bytes());
+        names.extend(description);
+    }
+    builder.vlrs.push(Vlr {
+        user_id: "LASF_Spec".into(),
+        record_id: 4,
+        description: String::new(),
+        data: names,
+    });
+    let mut writer = Writer::new(Cursor::new(Vec::new()), builder.into_header().unwrap()).unwrap();
+    for i in 0..12 {
+        let class = [2, 7, 1, 18][i % 4];
+        let has_time = ![0, 2].contains(&format);
+        writer
+            .write_point(Point {
+                x: i as f64,
+                classification: las::point::Classification::new(class).unwrap(),
+                is_withheld: i % 3 == 0,
+                gps_time: has_time.then_some(0.0),
+                color: [2, 7].contains(&format).then(Color::default),
+                extra_bytes: [0f32, 0.6, 0.8].map(f32::to_le_bytes).concat(),
+                ..Point::default()
+            })
+            .unwrap();
+    }
+    writer.into_inner().unwrap().into_inner()
+}
+
+#[test]
+fn flagged_points_and_noise_are_marked_and_extra_normals_read() {
+    for format in [0, 1, 2, 6, 7] {
+        for compressed in [false, true] {
+            let bytes = flagged(format, compressed);
+            let scan = read_scan(&bytes);
+            let expected: Vec<bool> = (0..12).map(|i| i % 2 == 1 || i % 3 == 0).collect();
+            assert_eq!(scan.cloud.flagged, expected, "{format} {compressed}");
+            assert!(
+                scan.cloud
+                    .normals
+                    .iter()
+                    .all(|n| *n == Vec3::new(0.0, 0.6, 0.8))
+            );
+            assert!(
+                scan.taken.contains("normals NormalX NormalY NormalZ"),
+                "{}",
+                scan.taken
+            );
+            let options = ReadOptions {
+                keep_flagged: true,
+                ..ReadOptions::default()
+            };
+            let file = damage::file(&bytes);
+            let kept = Scan::read(file.path(), &options, &Silent).unwrap();
+            assert!(kept.cloud.flagged.is_empty());
+        }
+    }
+}
+
+#[test]
+fn counts_of_64_bits_rule_and_late_coordinate_systems_are_kept() {
+    // The count of 32 bits is at 107, that of 64 at 247.
+    let fewer = with(written(7, false, 300, colour), 107, &200u32.to_le_bytes());
+    let cloud = read(&fewer).unwrap();
+    assert_eq!(cloud.len(), 300);
+    assert!(cloud.repairs[0].contains("300 points, as the header counts in 64 bits"));
+    // A record after the points: its place is at 235, the number of records at 243.
+    let mut late = written(7, false, 300, colour);
+    let begin = late.len() as u64;
+    late.extend([0, 0]);
+    late.extend(b"LASF_Projection\0");
+    late.extend(2112u16.to_le_bytes());
+    late.extend(5u64.to_le_bytes());
+    late.extend([0; 32]);
+    late.extend(b"WKT\0\0");
+    let late = with(
+        with(late, 235, &begin.to_le_bytes()),
+        243,
+        &1u32.to_le_bytes(),
+    );
+    let reference = read(&late).unwrap().grid.unwrap().reference;
+    assert_eq!(reference[1], (2112, b"WKT\0\0".to_vec()));
+    // One that is not there is told.
+    let cut = read(&late[..late.len() - 1]).unwrap();
+    assert!(cut.repairs[0].contains("1 records promised after the points, but only 0"));
 }
 
 /// A file with a number in its header replaced.

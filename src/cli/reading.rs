@@ -13,6 +13,12 @@ pub struct Reading {
     /// What the colours of scans are [default: as their values tell; sRGB]
     #[arg(long, value_enum, value_name = "SPACE")]
     colours: Option<Colours>,
+    /// Take points that LAS files flag as withheld or noise (classes 7 and 18)
+    #[arg(long)]
+    keep_flagged: bool,
+    /// What the columns of texts are, by name, _ for those that mean nothing: x,y,z,r,g,b,_
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    columns: Vec<String>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -34,6 +40,8 @@ impl Reading {
                 Colours::Srgb16 => ColourSpace::Srgb16,
                 Colours::Linear => ColourSpace::Linear,
             }),
+            keep_flagged: self.keep_flagged,
+            columns: self.columns.clone(),
             ..SceneOptions::default()
         }
     }

@@ -4,6 +4,8 @@ use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
+use crate::scene::LARGEST;
+
 /// Reflectance of points that carry no colour.
 pub const DEFAULT_REFLECTANCE: f32 = 0.5;
 /// Largest reflectance that an 8- or 16-bit colour stands for: white is 0.9, no real wall is 1.
@@ -26,6 +28,8 @@ pub struct PointCloud {
     pub emission: Vec<Vec3>,
     /// Where points were measured from, as far as the source tells; ranges in ascending order.
     pub scanners: Vec<Scanner>,
+    /// Points that their source marks as none of the surface, as noise; empty if there are none.
+    pub flagged: Vec<bool>,
     /// The grid that all coordinates lie on, where the source has one.
     pub grid: Option<Grid>,
     /// Repairs that reading made, each as "count what": shown to the user.
@@ -58,5 +62,15 @@ impl PointCloud {
 
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
+    }
+
+    /// Whether a point has a place, and is no flagged one.
+    pub(crate) fn is_placed(&self, i: usize) -> bool {
+        let placed = self.positions[i].abs().cmple(DVec3::splat(LARGEST)).all();
+        placed && !self.is_flagged(i)
+    }
+
+    pub(crate) fn is_flagged(&self, i: usize) -> bool {
+        self.flagged.get(i) == Some(&true)
     }
 }

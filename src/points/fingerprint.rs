@@ -6,7 +6,7 @@ use xxhash_rust::xxh3::Xxh3Default;
 use super::PointCloud;
 
 impl PointCloud {
-    /// A number that stands for positions, normals, areas and scanners: what surfels are made from.
+    /// A number that stands for positions, normals, areas, flags and scanners: what surfels are made from.
     /// Two clouds have the same one only by chance.
     pub fn fingerprint(&self) -> u64 {
         let mut hash = Xxh3Default::new();
@@ -19,6 +19,7 @@ impl PointCloud {
             hash.update(&(array.len() as u64).to_le_bytes());
             hash.update(array);
         }
+        hash.update(cast_slice(&self.flagged));
         for scanner in &self.scanners {
             hash.update(cast_slice(&[scanner.position]));
             let ends = [scanner.points.start, scanner.points.end].map(|end| end as u64);

@@ -13,7 +13,6 @@ use super::{Facing, PointCloud, Prepared, Quality, Surfels, Thinning};
 use crate::error::Result;
 use crate::memory;
 use crate::progress::Progress;
-use crate::scene::LARGEST;
 use crate::visibility::NO_SURFEL;
 
 /// Surfels that are wanted of a cloud that is not thinned out.
@@ -118,7 +117,7 @@ fn has_direction(normal: &Vec3) -> bool {
 
 /// The cloud where each point without a normal has that of the nearest one with a normal.
 fn filled(cloud: &PointCloud, known: usize) -> Result<PointCloud> {
-    let placed = |i: &usize| cloud.positions[*i].abs().cmple(DVec3::splat(LARGEST)).all();
+    let placed = |i: &usize| cloud.is_placed(*i);
     let with: Vec<usize> = (0..cloud.len())
         .filter(|i| has_direction(&cloud.normals[*i]) && placed(i))
         .collect();
@@ -151,12 +150,13 @@ fn turned(cloud: &PointCloud, facing: &Facing) -> Option<PointCloud> {
         Facing::Outward => (true, "outward"),
         _ => return None,
     };
-    let placed = |p: DVec3| p.abs().cmple(DVec3::splat(LARGEST)).all();
-    let middle = middle(cloud, |i| placed(cloud.positions[i]))?;
-    let points = cloud.positions.iter().zip(&cloud.normals);
-    let (flow, most) = points
-        .filter(|(p, _)| placed(**p))
-        .map(|(p, normal)| (*p - middle, normal.as_dvec3().normalize_or_zero()))
+    let middle = middle(cloud, |i| cloud.is_placed(i))?;
+    let (flow, most) = (0..cloud.len())
+        .filter(|&i| cloud.is_placed(i))
+        .map(|i| {
+            let normal = cloud.normals[i].as_dvec3().normalize_or_zero();
+            (cloud.positions[i] - middle, normal)
+        })
         .fold((0.0, 0.0), |(flow, most), (way, normal)| {
             (flow + way.dot(normal), most + way.length())
         });

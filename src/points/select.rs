@@ -6,17 +6,15 @@ use glam::{DVec3, Vec3};
 
 use super::{PointCloud, Surfels};
 use crate::error::{Error, Result};
-use crate::scene::LARGEST;
 
 /// Usable points as surfels without cells, one a place and side; unknown areas are 0.
 pub(super) fn select(
     cloud: &PointCloud,
     repairs: &mut Vec<String>,
 ) -> Result<(Surfels, Vec<Option<u32>>)> {
-    let placed = |p: DVec3| p.abs().cmple(DVec3::splat(LARGEST)).all();
     let usable = |i: usize| {
         let normal = cloud.normals[i];
-        placed(cloud.positions[i]) && normal.is_finite() && normal != Vec3::ZERO
+        cloud.is_placed(i) && normal.is_finite() && normal != Vec3::ZERO
     };
     let Some(origin) = middle(cloud, usable) else {
         return Err(Error::Invalid(format!(
@@ -31,9 +29,12 @@ pub(super) fn select(
     let mut surfel_of_point = vec![None; cloud.len()];
     let mut places: HashMap<[u32; 3], [Option<u32>; 2]> = HashMap::with_capacity(cloud.len());
     let (mut positions_left_out, mut normals_left_out, mut merged) = (0, 0, 0);
+    let mut flagged = 0;
     for i in 0..cloud.len() {
         if !usable(i) {
-            if placed(cloud.positions[i]) {
+            if cloud.is_flagged(i) {
+                flagged += 1;
+            } else if cloud.is_placed(i) {
                 normals_left_out += 1;
             } else {
                 positions_left_out += 1;
@@ -75,6 +76,10 @@ pub(super) fn select(
         (
             normals_left_out,
             "points whose normal is zero or not finite: left out, no light",
+        ),
+        (
+            flagged,
+            "points that the file flags as withheld or noise: left out, no light (--keep-flagged takes them)",
         ),
         (merged, "points at the place of another one: merged with it"),
     ] {

@@ -10,7 +10,6 @@ use super::neighbours::Neighbours;
 use super::{DEFAULT_REFLECTANCE, PointCloud};
 use crate::error::Result;
 use crate::output::needs_double;
-use crate::scene::LARGEST;
 
 /// Points whose nearest neighbours are looked for.
 const SAMPLE: usize = 20_000;
@@ -21,8 +20,10 @@ const NEIGHBOURS: usize = 8;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Survey {
     pub points: usize,
-    /// Points that have a place: finite coordinates up to 10¹².
+    /// Points that have a place, finite coordinates up to 10¹², and that the file does not flag.
     pub placed: usize,
+    /// Points that the file flags as withheld or noise.
+    pub flagged: usize,
     /// Least and largest coordinates of those.
     pub bounds: Option<[[f64; 3]; 2]>,
     /// Median distance from a point to the nearest one at another place; of a sample.
@@ -50,10 +51,11 @@ impl Survey {
         let count = |good: &(dyn Fn(usize) -> bool + Sync)| {
             points.clone().into_par_iter().filter(|&i| good(i)).count()
         };
-        let placed: Vec<DVec3> = cloud.positions[points.clone()]
-            .par_iter()
-            .copied()
-            .filter(|p| p.abs().cmple(DVec3::splat(LARGEST)).all())
+        let placed: Vec<DVec3> = points
+            .clone()
+            .into_par_iter()
+            .filter(|&i| cloud.is_placed(i))
+            .map(|i| cloud.positions[i])
             .collect();
         let (min, max) = placed
             .iter()
@@ -70,6 +72,7 @@ impl Survey {
         Ok(Survey {
             points: points.len(),
             placed: placed.len(),
+            flagged: count(&|i| cloud.is_flagged(i)),
             bounds: (!placed.is_empty()).then(|| [min, max].map(|p| p.to_array())),
             spacing: spacing(&placed, 0.5 * (min + max))?,
             needs_double: needs_double(&placed),
@@ -84,7 +87,13 @@ impl Survey {
     /// What `solve` would miss, and what it would do about it.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
-        let without = self.points - self.placed;
+        let without = self.points - self.placed - self.flagged;
+        if self.flagged > 0 {
+            notes.push(format!(
+                "{} points are flagged as withheld or noise: left out (--keep-flagged takes them)",
+                self.flagged
+            ));
+        }
         if without > 0 {
             notes.push(format!(
                 "{without} points have no place (coordinates that are not finite or beyond 1e12): \

@@ -54,6 +54,11 @@ pub struct ReadOptions {
     pub seed: u64,
     /// What colours are, instead of what their values tell.
     pub colours: Option<ColourSpace>,
+    /// Takes points that files flag as withheld or noise.
+    pub keep_flagged: bool,
+    /// What the columns of a text are, by [name](names), instead of what the text tells; empty if nothing is
+    /// said.
+    pub columns: Vec<String>,
 }
 
 /// The formats that are understood.

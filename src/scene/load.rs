@@ -157,6 +157,8 @@ fn read_options(options: &SceneOptions) -> ReadOptions {
         spacing: None,
         seed: options.seed,
         colours: options.colours,
+        keep_flagged: options.keep_flagged,
+        columns: options.columns.clone(),
     }
 }
 
@@ -290,6 +292,7 @@ fn append(cloud: &mut PointCloud, more: PointCloud) {
         added,
         Vec3::ZERO,
     );
+    join(&mut cloud.flagged, more.flagged, before, added, false);
     // Areas are all from the source, or all from the cells.
     if before > 0 && cloud.areas.is_empty() || added > 0 && more.areas.is_empty() {
         cloud.areas.clear();
@@ -330,6 +333,7 @@ mod tests {
                 position: dvec3(0.0, 1.0, 0.0),
                 points: 0..1,
             }],
+            flagged: Vec::new(),
             grid: None,
             repairs: vec!["1 repair".into()],
         }

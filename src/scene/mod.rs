@@ -95,4 +95,8 @@ pub struct SceneOptions {
     pub mesh: bool,
     /// What the colours of scans are, instead of what their values tell.
     pub colours: Option<ColourSpace>,
+    /// Takes points that files flag as withheld or noise.
+    pub keep_flagged: bool,
+    /// What the columns of texts are, instead of what they tell; empty if nothing is said.
+    pub columns: Vec<String>,
 }

@@ -34,7 +34,7 @@ const SCANS: [(&str, usize, &str); 17] = [
     ("kitten.xyz", 5_210, ""),
     ("oni.xyz", 1_435, "normals"),
     ("office1.pcd", 307_200, "colours scanner"),
-    ("room_scan1.pcd", 112_586, "scanner"),
+    ("room_scan1.pcd", 112_586, ""), // its viewpoint is the default
     ("autzen_colour.ptx", 1_065, "colours"),
     ("spot.obj", 20_000, "normals"),
     ("odd/points_ascii_with_lists.ply", 5, ""),

@@ -16,7 +16,6 @@ use crate::points::select::middle;
 use crate::points::{Facing, PointCloud};
 use crate::progress::Progress;
 use crate::random::{Purpose, stream};
-use crate::scene::LARGEST;
 
 /// Neighbours whose farthest tells the spacing: enough that the pattern of a scan's lines averages out.
 const AROUND: usize = 12;
@@ -62,7 +61,7 @@ impl Samples {
     /// # Errors
     /// [`Error::Invalid`] if no point has finite coordinates.
     pub fn of(cloud: &PointCloud, facing: &Facing, progress: &dyn Progress) -> Result<Samples> {
-        let placed = |i: usize| cloud.positions[i].abs().cmple(DVec3::splat(LARGEST)).all();
+        let placed = |i: usize| cloud.is_placed(i);
         let Some(origin) = middle(cloud, placed) else {
             return Err(Error::Invalid("no point has finite coordinates".into()));
         };

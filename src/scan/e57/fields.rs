@@ -279,12 +279,17 @@ fn stored(kind: &RecordDataType) -> Stored {
 }
 
 /// From the coordinates of a scanner to those of the file; `None` if that is no rotation.
-pub fn pose(scan: &PointCloud) -> Option<(DQuat, DVec3)> {
+/// A quaternion of zeros is none, which is told.
+pub fn pose(scan: &PointCloud, repairs: &mut Vec<String>) -> Option<(DQuat, DVec3)> {
     let Some(pose) = &scan.transform else {
         return Some((DQuat::IDENTITY, DVec3::ZERO));
     };
     let (q, t) = (&pose.rotation, &pose.translation);
-    let turn = DQuat::from_xyzw(q.x, q.y, q.z, q.w);
+    let mut turn = DQuat::from_xyzw(q.x, q.y, q.z, q.w);
+    if turn.length_squared() == 0.0 {
+        repairs.push("1 pose whose rotation is all zeros: taken as not turned".to_owned());
+        turn = DQuat::IDENTITY;
+    }
     let place = DVec3::new(t.x, t.y, t.z);
     let turns = turn.length_squared() > 0.0 && turn.length_squared().is_finite();
     (turns && place.is_finite()).then(|| (turn.normalize(), place))

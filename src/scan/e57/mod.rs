@@ -86,7 +86,7 @@ fn read_file(
         }
         all.end(part);
     }
-    if all.left_out == total {
+    if all.left_out + all.without_return == total {
         return Err(wrong(format!(
             "empty cloud: none of {total} points has valid coordinates"
         )));
@@ -130,6 +130,7 @@ fn names(scans: &[Description]) -> Vec<String> {
 struct Gathered {
     cloud: PointCloud,
     left_out: u64,
+    without_return: u64,
     grey: usize,
     /// The scans with colours.
     coloured: Vec<(Range<usize>, Shades)>,
@@ -145,6 +146,7 @@ struct Part {
     /// Number of its first point.
     begin: usize,
     left_out: u64,
+    without_return: u64,
 }
 
 impl Part {
@@ -153,19 +155,22 @@ impl Part {
         if !fields.has_coordinates() && scan.records > 0 {
             return Err("its points have no coordinates".to_owned());
         }
-        let (turn, place) = fields::pose(scan).ok_or("its pose is no rotation and translation")?;
+        let (turn, place) = fields::pose(scan, &mut cloud.repairs)
+            .ok_or("its pose is no rotation and translation")?;
         let begin = cloud.len();
         if fields.has_normals() {
             cloud.normals.resize(begin, Vec3::ZERO);
         }
         Ok(Part {
-            // Angles and grids are what a scanner measures, from the origin of its coordinates.
-            from_place: scan.transform.is_some() || fields.is_spherical() || scan.has_row_column(),
+            // Angles are what a scanner measures, from the origin of its coordinates. A pose that is
+            // only the default says nothing.
+            from_place: fields.is_spherical() || (turn, place) != (DQuat::IDENTITY, DVec3::ZERO),
             fields,
             turn,
             place,
             begin,
             left_out: 0,
+            without_return: 0,
         })
     }
 
@@ -174,6 +179,11 @@ impl Part {
             self.left_out += 1;
             return;
         };
+        // No scanner measures itself.
+        if position == DVec3::ZERO {
+            self.without_return += 1;
+            return;
+        }
         cloud.positions.push(self.turn * position + self.place);
         cloud.reflectance.push(self.fields.colour(values));
         if let Some(normal) = self.fields.normal(values) {
@@ -192,6 +202,7 @@ impl Gathered {
             self.coloured.push((points.clone(), shades));
         }
         self.left_out += part.left_out;
+        self.without_return += part.without_return;
         if part.from_place {
             let scanner = super::scanner(&self.cloud, points, part.place);
             self.cloud.scanners.extend(scanner);
@@ -208,6 +219,10 @@ impl Gathered {
         }
         for (number, what) in [
             (self.left_out, "points left out: without valid coordinates"),
+            (
+                self.without_return,
+                "points left out: at the place of the scanner, as directions without a return are",
+            ),
             (self.grey as u64, "colours made of intensities"),
         ] {
             if number > 0 {

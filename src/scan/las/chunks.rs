@@ -101,7 +101,10 @@ impl Compression {
         points.set_selection(
             DecompressionSelection::xy_returns_channel()
                 .decompress_z()
-                .decompress_rgb(),
+                .decompress_classification()
+                .decompress_flags()
+                .decompress_rgb()
+                .decompress_extra_bytes(),
         );
         let mut block = vec![0; chunk.points.min(BLOCK) as usize * self.stride];
         let mut left = chunk.points;

@@ -15,6 +15,10 @@ use crate::points::Grid;
 
 /// Bytes of a record's header.
 const VLR_HEADER: u64 = 54;
+/// Bytes of the header of a record after the points.
+const EVLR_HEADER: usize = 60;
+/// No coordinate system is longer.
+const LONGEST_REFERENCE: u64 = 1 << 20;
 /// The user of the records that say in which reference system coordinates are.
 const PROJECTION: &str = "LASF_Projection";
 /// User and number of the record that describes what points have beside the fields of the format.
@@ -33,8 +37,8 @@ pub struct Header {
     pub grid: Grid,
     /// Content of the record that describes the compression.
     pub laszip: Option<Vec<u8>>,
-    /// Names of what points have beside the fields of the format.
-    extra: Vec<String>,
+    /// What points have beside the fields of the format.
+    pub extra: Vec<Extra>,
 }
 
 impl Header {
@@ -68,10 +72,7 @@ impl Header {
         }
         let mut header = Header {
             version: raw.version,
-            points: match (raw.number_of_point_records, raw.large_file) {
-                (0, Some(large)) => large.number_of_point_records,
-                (points, _) => u64::from(points),
-            },
+            points: points(&raw, format.is_extended, repairs),
             format,
             format_number,
             stride,
@@ -83,6 +84,7 @@ impl Header {
         header
             .read_records(input, &raw, repairs)
             .map_err(|e| format!("the records after the header: {e}"))?;
+        header.read_extended_records(input, bytes, &raw, repairs);
         Ok(header)
     }
 
@@ -102,8 +104,45 @@ impl Header {
         let present = fields.iter().filter(|(_, present)| *present);
         present
             .flat_map(|(names, _)| names.split(' ').map(str::to_owned))
-            .chain(self.extra.iter().cloned())
+            .chain(self.extra.iter().map(|extra| extra.name.clone()))
             .collect()
+    }
+
+    /// Keeps the coordinate systems among the records after the points, as far as they are there.
+    fn read_extended_records(
+        &mut self,
+        input: &mut (impl BufRead + Seek),
+        bytes: u64,
+        raw: &raw::Header,
+        repairs: &mut Vec<String>,
+    ) {
+        let Some(evlr) = raw.evlr else { return };
+        let mut at = evlr.start_of_first_evlr;
+        for found in 0..evlr.number_of_evlrs {
+            let mut head = [0; EVLR_HEADER];
+            let read = input
+                .seek(SeekFrom::Start(at))
+                .and_then(|_| input.read_exact(&mut head));
+            let length = u64::from_le_bytes(std::array::from_fn(|i| head[20 + i]));
+            let begin = at.saturating_add(EVLR_HEADER as u64);
+            at = begin.saturating_add(length);
+            if read.is_err() || at > bytes {
+                repairs.push(format!(
+                    "{} records promised after the points, but only {found} are there",
+                    evlr.number_of_evlrs
+                ));
+                return;
+            }
+            let user = &head[2..18];
+            if user.starts_with(PROJECTION.as_bytes()) && length <= LONGEST_REFERENCE {
+                let mut data = vec![0; length as usize];
+                // It is there, as the file is long enough.
+                if input.read_exact(&mut data).is_ok() {
+                    let number = u16::from_le_bytes([head[18], head[19]]);
+                    self.grid.reference.push((number, data));
+                }
+            }
+        }
     }
 
     /// Keeps those of the records before the points that are of use.
@@ -134,18 +173,100 @@ impl Header {
             } else if record.user_id == PROJECTION {
                 self.grid.reference.push((record.record_id, record.data));
             } else if (record.user_id.as_str(), record.record_id) == EXTRA_BYTES {
-                self.extra = record.data.chunks_exact(192).map(extra_name).collect();
+                self.extra = extra(&record.data, self.format.len().into(), self.stride);
             }
         }
         Ok(())
     }
 }
 
-/// The name in a description of extra bytes.
-fn extra_name(description: &[u8]) -> String {
-    let name = &description[4..36];
-    let end = name.iter().position(|&byte| byte == 0);
-    String::from_utf8_lossy(&name[..end.unwrap_or(name.len())]).into_owned()
+/// Number of points. Point formats from 6 on count in 64 bits, the others in 32 where they can.
+fn points(raw: &raw::Header, is_extended: bool, repairs: &mut Vec<String>) -> u64 {
+    let legacy = u64::from(raw.number_of_point_records);
+    match raw.large_file.map(|large| large.number_of_point_records) {
+        Some(points) if is_extended || legacy == 0 => {
+            if legacy != 0 && legacy != points {
+                repairs.push(format!(
+                    "{points} points, as the header counts in 64 bits; in 32 it counts {legacy}"
+                ));
+            }
+            points
+        }
+        _ => legacy,
+    }
+}
+
+/// A value that points have beside the fields of the format.
+pub struct Extra {
+    pub name: String,
+    /// Type, by its number in the standard.
+    kind: u8,
+    /// Where it begins in a point.
+    begin: usize,
+    scale: f64,
+    offset: f64,
+}
+
+impl Extra {
+    pub fn value(&self, row: &[u8]) -> f64 {
+        macro_rules! number {
+            ($type:ty) => {{
+                let bytes = std::array::from_fn(|i| row[self.begin + i]);
+                <$type>::from_le_bytes(bytes) as f64
+            }};
+        }
+        let value = match self.kind {
+            1 => number!(u8),
+            2 => number!(i8),
+            3 => number!(u16),
+            4 => number!(i16),
+            5 => number!(u32),
+            6 => number!(i32),
+            7 => number!(u64),
+            8 => number!(i64),
+            9 => number!(f32),
+            _ => number!(f64),
+        };
+        value * self.scale + self.offset
+    }
+}
+
+/// What the descriptions of extra bytes tell, table 24 of the LAS 1.4 standard, as far as it fits into points
+/// of `stride` bytes, whose fixed fields end at `begin`.
+fn extra(descriptions: &[u8], mut begin: usize, stride: usize) -> Vec<Extra> {
+    let mut all = Vec::new();
+    for description in descriptions.chunks_exact(192) {
+        let (kind, options) = (description[2], description[3]);
+        let size = match kind {
+            0 => options.into(), // bytes that nobody describes
+            1 | 2 => 1,
+            3 | 4 => 2,
+            5 | 6 | 9 => 4,
+            _ => 8,
+        };
+        let name = &description[4..36];
+        let end = name.iter().position(|&byte| byte == 0);
+        let number = |bit: u8, at: usize, otherwise: f64| match options >> bit & 1 {
+            1 => f64::from_le_bytes(std::array::from_fn(|i| description[at + i])),
+            _ => otherwise,
+        };
+        let extra = Extra {
+            name: String::from_utf8_lossy(&name[..end.unwrap_or(name.len())]).into_owned(),
+            kind,
+            begin,
+            scale: number(3, 112, 1.0),
+            offset: number(4, 136, 0.0),
+        };
+        begin += size;
+        if begin > stride {
+            break;
+        }
+        // Without a description it is no number; types above 10 are outdated.
+        if (1..=10).contains(&kind) {
+            all.push(extra);
+        }
+    }
+    all
 }
 
 /// Number, fields and length of a point.

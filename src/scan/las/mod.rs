@@ -13,19 +13,22 @@ use rayon::prelude::*;
 
 use super::colours::Stored;
 use super::fields::judge_colours;
-use super::{ReadOptions, Scan};
+use super::{ReadOptions, Scan, names};
 use crate::error::{Error, Result};
 use crate::points::{DEFAULT_REFLECTANCE, PointCloud};
 use crate::progress::Progress;
 use chunks::{Chunk, Compression};
-use header::Header;
+use header::{Extra, Header};
 
+/// Classes of points that are noise.
+const NOISE: [u8; 2] = [7, 18];
 /// Bytes that are read at a time; of a chunk that is longer, all.
 const BLOCK: u64 = 4 << 20;
 
 /// Reads a LAS or LAZ file of version 1.0 to 1.4.
 ///
-/// Understood are the coordinates, on their grid, and the colours. Intensities are no colours:
+/// Understood are the coordinates, on their grid, the colours, and which points are withheld or noise.
+/// Intensities are no colours:
 /// they fall with the distance.
 pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Result<Scan> {
     let (file, bytes) = super::open_sized(path)?;
@@ -43,9 +46,12 @@ pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Resu
     }
     progress.stage("reading", bytes);
     progress.advance(header.begin);
-    let record = Record::new(&header);
+    let record = Record::new(&header, options.keep_flagged);
     // The decompressor answers damaged data with errors as far as is known. Should it panic, this
     // is still an error of the file, and no reason to end the program.
+    let normals = record
+        .normal
+        .map(|axes| axes.map(|extra| extra.name.as_str()).join(" "));
     let mut points = catch_unwind(AssertUnwindSafe(|| match header.format.is_compressed {
         true => las.compressed(&header, &record),
         false => las.plain(&header, &record),
@@ -60,10 +66,12 @@ pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Resu
     };
     let colours = &mut points.colours;
     let how = judge_colours(colours, Stored::Whole, options.colours, &mut repairs);
-    let taken = match how {
-        Some(how) => format!("place x y z; colours red green blue: {how}"),
-        None => format!("place x y z; no colours: reflectance {DEFAULT_REFLECTANCE}"),
+    let normals = normals.map_or(String::new(), |names| format!("; normals {names}"));
+    let colours = match how {
+        Some(how) => format!("colours red green blue: {how}"),
+        None => format!("no colours: reflectance {DEFAULT_REFLECTANCE}"),
     };
+    let taken = format!("place x y z{normals}; {colours}");
     points
         .colours
         .resize(count, Vec3::splat(DEFAULT_REFLECTANCE));
@@ -78,6 +86,11 @@ pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Resu
             emission: vec![Vec3::ZERO; count],
             positions: points.positions,
             reflectance: points.colours,
+            normals: points.normals,
+            flagged: match points.flagged.contains(&true) {
+                true => points.flagged,
+                false => Vec::new(),
+            },
             grid: Some(header.grid),
             repairs,
             ..PointCloud::default()
@@ -87,12 +100,17 @@ pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Resu
 }
 
 /// Where the bytes of a point have what.
-struct Record {
+struct Record<'a> {
     stride: usize,
     scale: DVec3,
     offset: DVec3,
     /// Begin of the colour.
     colour: Option<usize>,
+    /// Where the class is, and its bits; the byte with the flag of withheld points, and its bit.
+    class: (usize, u8),
+    withheld: (usize, u8),
+    keep_flagged: bool,
+    normal: Option<[&'a Extra; 3]>,
 }
 
 /// Points in the order of the file; without colours if the format has none.
@@ -100,18 +118,34 @@ struct Record {
 struct Points {
     positions: Vec<DVec3>,
     colours: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    flagged: Vec<bool>,
 }
 
-impl Record {
-    fn new(header: &Header) -> Self {
+impl<'a> Record<'a> {
+    fn new(header: &'a Header, keep_flagged: bool) -> Self {
         let format = &header.format;
         let fixed = if format.is_extended { 22 } else { 20 };
         let time = if format.has_gps_time { 8 } else { 0 };
+        let names: Vec<&str> = header.extra.iter().map(|e| e.name.as_str()).collect();
         Record {
             stride: header.stride,
             scale: header.grid.scale,
             offset: header.grid.offset,
             colour: format.has_color.then_some(fixed + time),
+            class: match format.is_extended {
+                true => (16, 0xff),
+                false => (15, 0x1f),
+            },
+            withheld: match format.is_extended {
+                true => (15, 0x04),
+                false => (15, 0x80),
+            },
+            keep_flagged,
+            normal: match ["nx", "ny", "nz"].map(|axis| names::find(&names, axis)) {
+                [Some(x), Some(y), Some(z)] => Some([x, y, z].map(|i| &header.extra[i])),
+                _ => None,
+            },
         }
     }
 
@@ -123,6 +157,16 @@ impl Record {
             let integers = [0, 4, 8].map(|at| f64::from(integer(at)));
             DVec3::from(integers) * self.scale + self.offset
         }));
+        if !self.keep_flagged {
+            let has = |row: &[u8], (byte, bits): (usize, u8)| row[byte] & bits;
+            let is_flagged =
+                |row: &[u8]| has(row, self.withheld) != 0 || NOISE.contains(&has(row, self.class));
+            points.flagged.extend(rows.clone().map(is_flagged));
+        }
+        if let Some(axes) = self.normal {
+            let normal = |row| Vec3::from(axes.map(|axis| axis.value(row) as f32));
+            points.normals.extend(rows.clone().map(normal));
+        }
         if let Some(colour) = self.colour {
             points.colours.extend(rows.map(|row| {
                 let level = |at| u16::from_le_bytes([row[colour + at], row[colour + at + 1]]);
@@ -136,6 +180,8 @@ impl Points {
     fn append(&mut self, mut more: Points) {
         self.positions.append(&mut more.positions);
         self.colours.append(&mut more.colours);
+        self.normals.append(&mut more.normals);
+        self.flagged.append(&mut more.flagged);
     }
 }
 
@@ -151,7 +197,7 @@ impl Las<'_> {
         Error::input(self.path, what)
     }
 
-    fn plain(&mut self, header: &Header, record: &Record) -> Result<Points> {
+    fn plain(&mut self, header: &Header, record: &Record<'_>) -> Result<Points> {
         let stride = record.stride as u64;
         let room = (self.bytes - header.begin) / stride;
         if room < header.points {
@@ -176,7 +222,7 @@ impl Las<'_> {
         })
     }
 
-    fn compressed(&mut self, header: &Header, record: &Record) -> Result<Points> {
+    fn compressed(&mut self, header: &Header, record: &Record<'_>) -> Result<Points> {
         let compression = Compression::read(&mut self.input, self.bytes, header)
             .map_err(|what| self.error(what))?;
         super::check_count(self.path, header.points)?;

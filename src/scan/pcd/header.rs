@@ -19,7 +19,8 @@ pub struct Header {
     pub fields: Vec<Field>,
     /// Width and height.
     pub size: [u64; 2],
-    pub viewpoint: DVec3,
+    /// Place of the scanner; `None` if it is only the default.
+    pub viewpoint: Option<DVec3>,
     pub points: usize,
     pub data: Data,
     /// Length of the header, in bytes and in lines.
@@ -263,7 +264,7 @@ struct Raw {
     width: Option<u64>,
     height: Option<u64>,
     points: Option<u64>,
-    viewpoint: DVec3,
+    viewpoint: Option<DVec3>,
 }
 
 impl Raw {
@@ -297,7 +298,10 @@ impl Raw {
                     .map(|value| number(value.as_bytes()))
                     .collect();
                 match numbers.as_deref() {
-                    Some(&[x, y, z, ..]) => self.viewpoint = DVec3::new(x, y, z),
+                    Some(numbers @ &[x, y, z, ..]) => {
+                        let is_default = numbers == [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
+                        self.viewpoint = (!is_default).then_some(DVec3::new(x, y, z));
+                    }
                     _ => return Err("numbers are expected: a place and a rotation".to_owned()),
                 }
             }

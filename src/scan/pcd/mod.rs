@@ -26,8 +26,8 @@ const GRAIN: usize = 4096;
 /// Reads a PCD file.
 ///
 /// Understood are the [names](super::names) of PLY files, and colour as `rgb` or `rgba`, packed into one
-/// value. Points that are no numbers, as organised
-/// clouds have them, stay in the cloud. Where VIEWPOINT tells it, the scanner stands.
+/// value. Points that are no numbers, as organised clouds have them, stay in the cloud. Where VIEWPOINT tells it,
+/// and is not the default, the scanner stands.
 pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Result<Scan> {
     let (file, bytes) = super::open_sized(path)?;
     progress.stage("reading", bytes);
@@ -63,9 +63,9 @@ pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Resu
         Data::Compressed => body.compressed(input, bytes, &mut take)?,
     }
     let (mut cloud, taken) = builder.finish(options.colours, repairs);
-    cloud
-        .scanners
-        .extend(scanner(&cloud, 0..cloud.len(), header.viewpoint));
+    let place = header.viewpoint;
+    let scanner = place.and_then(|place| scanner(&cloud, 0..cloud.len(), place));
+    cloud.scanners.extend(scanner);
     let encoding = match header.data {
         Data::Ascii => "ascii",
         Data::Binary => "binary",
