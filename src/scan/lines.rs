@@ -2,9 +2,11 @@
 
 use std::fmt::Display;
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 
+use encoding_rs::{Encoding, UTF_16BE, UTF_16LE};
+use encoding_rs_io::DecodeReaderBytesBuilder;
 use memchr::{memchr_iter, memrchr};
 use rayon::prelude::*;
 
@@ -34,12 +36,15 @@ pub(crate) struct Lines<'a, R> {
     number: u64,
 }
 
-impl<'a> Lines<'a, File> {
+/// A text file, in UTF-8 whatever it is stored in.
+pub(super) type Text = Box<dyn Read + Send + Sync>;
+
+impl<'a> Lines<'a, Text> {
     /// The lines of a file whose lines end with `\n`, or all with `\r`; comments are skipped.
     pub fn open(path: &Path, progress: &'a dyn Progress) -> Result<Self> {
-        let mut file = super::open(path)?;
+        let (file, bytes) = super::open_sized(path)?;
         let cannot = |e| Error::io(path, "cannot be read", e);
-        let bytes = file.metadata().map_err(cannot)?.len();
+        let mut file = decoded(path, file)?;
         progress.stage("reading", bytes);
         progress.check()?;
         let mut head = Vec::new();
@@ -218,6 +223,31 @@ impl<'a, R: Read> Lines<'a, R> {
         self.to += read;
         self.at_end = (read as u64) < room;
         self.whole()
+    }
+}
+
+/// The text of a file, whose length in bytes may be another than in the file.
+fn decoded(path: &Path, mut file: File) -> Result<Text> {
+    let cannot = |e| Error::io(path, "cannot be read", e);
+    let mut head = [0; 4];
+    let read = file.read(&mut head).map_err(cannot)?;
+    file.rewind().map_err(cannot)?;
+    Ok(match utf16(&head[..read]) {
+        None => Box::new(file),
+        encoding => Box::new(
+            DecodeReaderBytesBuilder::new()
+                .encoding(encoding)
+                .build(file),
+        ),
+    })
+}
+
+/// Which kind of UTF-16 a text is in, if it is: by its mark, or by the empty half of its letters.
+pub(super) fn utf16(head: &[u8]) -> Option<&'static Encoding> {
+    match head {
+        [0xff, 0xfe, ..] | [1..=127, 0, 1..=127, 0, ..] => Some(UTF_16LE),
+        [0xfe, 0xff, ..] | [0, 1..=127, 0, 1..=127, ..] => Some(UTF_16BE),
+        _ => None,
     }
 }
 

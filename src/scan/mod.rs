@@ -87,7 +87,8 @@ impl Scan {
     /// [`Error::Io`] if the file cannot be read, [`Error::Input`] if it is no scan, is damaged, or
     /// has no points, [`Error::TooLarge`] above 2³² - 1 points.
     pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Result<Scan> {
-        let scan = match Format::of(path)? {
+        let format = Format::of(path)?;
+        let scan = match format {
             Format::Ply => ply::read(path, options, progress),
             Format::Las => las::read(path, options, progress),
             Format::E57 => e57::read(path, options, progress),
@@ -95,7 +96,8 @@ impl Scan {
             Format::Ptx => ptx::read(path, options, progress),
             Format::Obj => obj::read(path, options, progress),
             Format::Text => text::read(path, options, progress),
-        }?;
+        };
+        let scan = scan.map_err(|error| format.doubted(error, path))?;
         match scan.cloud.len() {
             points if points > u32::MAX as usize => Err(Error::TooLarge(format!(
                 "{}: {points} points; at most {} are possible",
@@ -109,6 +111,15 @@ impl Scan {
 
 /// Bytes at the start of a file that tell its format.
 const HEAD: usize = 1 << 16;
+/// First bytes of compressed files, and what unpacks them.
+const PACKED: [(&[u8], &str, &str); 6] = [
+    (b"\x1f\x8b", "gzip", "gunzip"),
+    (b"PK\x03\x04", "ZIP", "unzip"),
+    (b"BZh", "bzip2", "bunzip2"),
+    (b"\xfd7zXZ\0", "xz", "unxz"),
+    (b"\x28\xb5\x2f\xfd", "Zstandard", "unzstd"),
+    (b"7z\xbc\xaf\x27\x1c", "7z", "7z x"),
+];
 
 impl Format {
     fn of(path: &Path) -> Result<Self> {
@@ -119,6 +130,25 @@ impl Format {
             .map_err(|e| Error::io(path, "cannot be read", e))?;
         if head.is_empty() {
             return Err(Error::input(path, "the file is empty"));
+        }
+        if let Some((_, name, with)) = PACKED.iter().find(|(mark, ..)| head.starts_with(mark)) {
+            return Err(Error::input(
+                path,
+                format!("is compressed ({name}): unpack it first, with {with}"),
+            ));
+        }
+        if let Some(encoding) = lines::utf16(&head) {
+            let (text, ..) = encoding.decode(&head);
+            let text = text.as_bytes();
+            return Format::by_text(text)
+                .filter(|_| Format::by_magic(text).is_none())
+                .ok_or_else(|| {
+                    Error::input(
+                        path,
+                        "is text in UTF-16, which only tables of points, PTX and OBJ may be: save it in \
+                         UTF-8 or ASCII",
+                    )
+                });
         }
         let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
         Format::by_magic(&head)
@@ -131,6 +161,25 @@ impl Format {
                      OBJ, or text with x, y and z in each line (XYZ, TXT, CSV)",
                 )
             })
+    }
+
+    /// The error of a reader, and what the content is if it is another format than the ending says.
+    fn doubted(self, error: Error, path: &Path) -> Error {
+        let mut head = vec![0; HEAD];
+        let read = open(path).and_then(|mut file| {
+            let read = file.read(&mut head);
+            read.map_err(|e| Error::io(path, "cannot be read", e))
+        });
+        let is_table = read.is_ok_and(|read| text::is_bare(&head[..read]));
+        match error {
+            Error::Input { path, message } if self != Format::Text && is_table => Error::input(
+                path,
+                format!(
+                    "{message}; its content is a table of points: if it is one, let it end with .xyz"
+                ),
+            ),
+            error => error,
+        }
     }
 
     /// By the first bytes, whatever the name.

@@ -6,7 +6,7 @@ use glam::{DMat4, DVec3, DVec4};
 
 use super::colours::Stored;
 use super::fields::{Builder, Fields, Rows};
-use super::lines::{Lines, not_a_number, number, words};
+use super::lines::{Lines, Text, not_a_number, number, words};
 use super::{ReadOptions, Scan, scanner};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -94,7 +94,7 @@ struct Grid {
 
 impl Grid {
     /// The next one, `None` at the end of the file.
-    fn read(lines: &mut Lines<std::fs::File>) -> Result<Option<Grid>> {
+    fn read(lines: &mut Lines<Text>) -> Result<Option<Grid>> {
         let Some(columns) = lines.line()?.map(count) else {
             return Ok(None);
         };
@@ -120,7 +120,7 @@ impl Grid {
 }
 
 /// The next line of a header, parsed.
-fn row<T>(lines: &mut Lines<std::fs::File>, parse: impl Fn(&[u8]) -> Parsed<T>) -> Result<T> {
+fn row<T>(lines: &mut Lines<Text>, parse: impl Fn(&[u8]) -> Parsed<T>) -> Result<T> {
     let parsed = match lines.line()? {
         Some(line) => parse(line),
         None => Err("the file is cut short: it ends in the header of a grid".to_owned()),

@@ -187,8 +187,42 @@ fn columns_are_guessed_as_people_write_them() {
         ("0 0 0 0.1 0.2 0.3\n1 2 3 0.5 1 0\n", "x y z red green blue"),
         ("0 0 0 0 0 1\n1 2 3 0.6 0.8 0\n", "x y z nx ny nz"),
         // Small whole numbers are classes, returns and the like.
-        ("0 0 0 2 1 1\n1 2 3 5 0 3\n", "x y z intensity  "),
-        ("0 0 0 512 wall 3\n1 2 3 600 floor 5\n", "x y z intensity  "),
+        ("0 0 0 2 1 1\n1 2 3 5 0 3\n", "x y z intensity _ _"),
+        (
+            "0 0 0 512 wall 3\n1 2 3 600 floor 5\n",
+            "x y z intensity _ _",
+        ),
+        // A label behind colours that are more alike; an intensity before them.
+        (
+            "0 .5 0 90 91 92 0\n1 2 3 80 80 84 1\n1 2 5 200 203 200 1\n",
+            "x y z red green blue label",
+        ),
+        (
+            "0 .5 0 9 91 92 90\n1 2 3 180 80 84 80\n1 2 5 20 203 200 200\n",
+            "x y z intensity red green blue",
+        ),
+        (
+            "0 .5 0 91 92 90 -7\n1 2 3 80 84 80 8\n1 2 5 203 200 200 900\n",
+            "x y z red green blue label",
+        ),
+        (
+            "0 .5 0 5120 6000 65535\n1 2 3 600 40000 5\n",
+            "x y z red green blue",
+        ),
+        // Row and column, a running number, a label before the place.
+        (
+            "0 0 .5 1 .25 9 99 9\n0 1 .5 2 .25 9 9 9\n1 0 .5 3 .25 9 9 9\n1 2 .5 .5 1 9 9 9\n",
+            "row column x y z red green blue",
+        ),
+        (
+            "0 0 .5 1 .25 9\n1 0 .5 2 .25 9\n2 0 .5 3 .25 9\n0 1 .5 .5 1 9\n",
+            "row column x y z intensity",
+        ),
+        ("1 .5 1.5 7\n2 .5 2.5 8\n3 1.5 0 9.5\n", "_ x y z"),
+        ("2 .5 1.5 7.5\n6 .5 2.5 8\n2 1.5 0 9.5\n", "label x y z"),
+        // A place of whole numbers is one.
+        ("0 0 5.25 9\n0 1 5.5 7\n1 0 6.25 3\n", "x y z intensity"),
+        ("0 0 0 0 0 1\n0 1 0 0 0 1\n1 0 0 0 0 1\n", "x y z nx ny nz"),
     ] {
         assert_eq!(guess(lines), expected, "{lines}");
     }
@@ -218,6 +252,103 @@ fn tables_of_other_programs_are_understood() {
 }
 
 #[test]
+fn tables_are_understood_however_they_are_parted() {
+    let places = [DVec3::new(0.25, 1.5, -2.0), DVec3::new(3.0, 4.25, 5.0)];
+    for text in [
+        "X;Y;Z;R;G;B\n0,25;1,5;-2;255;0;188\n3;4,25;5;0;0;0\n",
+        "X\tY\tZ\tR\tG\tB\n0,25\t1,5\t-2\t255\t0\t188\n3\t4,25\t5\t0\t0\t0\n",
+        "0,25 1,5 -2 255 0 188\n3 4,25 5 0 0 0\n",
+        "# x,y,z,r,g,b\n0.25 1.5 -2 255 0 188\n3 4.25 5 0 0 0\n",
+        "\"x\" \"y\" \"z\" \"red\" \"green\" \"blue\"\n\"1\" 0.25 1.5 -2 255 0 188\n\"2\" 3 4.25 5 0 0 0\n",
+        "x y z red green blue\nfirst 0.25 1.5 -2 255 0 188\nlast 3 4.25 5 0 0 0\n",
+        "Name\tX\tY\tZ\tRed (8 bit)\tG\tB\na b\t0.25\t1.5\t-2\t255\t0\t188\n\t3\t4.25\t5\t0\t0\t0\n",
+    ] {
+        let utf16 = |mark: bool, bytes: fn(u16) -> [u8; 2]| {
+            let mark = mark.then_some(0xfeff);
+            mark.into_iter()
+                .chain(text.encode_utf16())
+                .flat_map(bytes)
+                .collect::<Vec<u8>>()
+        };
+        for bytes in [
+            text.as_bytes().to_vec(),
+            text.replace('\n', "\r\n").into_bytes(),
+            utf16(true, u16::to_le_bytes),
+            utf16(true, u16::to_be_bytes),
+            utf16(false, u16::to_le_bytes),
+        ] {
+            let cloud = read(&bytes).unwrap_or_else(|error| panic!("{text}: {error}"));
+            assert_eq!(cloud.positions, places, "{text}");
+            let expected = Vec3::new(0.9, 0.0, 0.502_886);
+            assert!((cloud.reflectance[0] - expected).length() < 1e-4, "{text}");
+        }
+    }
+}
+
+#[test]
+fn columns_are_what_they_are_told_to_be() {
+    let file = named(b"7 0 1 2 255 0 188\n8 1 1 2 0 0 0\n", "txt");
+    let read = |columns: &str| {
+        let options = ReadOptions {
+            columns: columns.split(',').map(str::to_owned).collect(),
+            ..ReadOptions::default()
+        };
+        Scan::read(file.path(), &options, &Silent)
+    };
+    let cloud = read("_,x,y,z,r,g,b").unwrap().cloud;
+    assert_eq!(cloud.positions[0], DVec3::new(0.0, 1.0, 2.0));
+    assert!((cloud.reflectance[0] - Vec3::new(0.9, 0.0, 0.502_886)).length() < 1e-4);
+    let error = read("x,y,z").unwrap_err().to_string();
+    assert!(
+        error.contains("--columns names 3, and the lines have 7 values"),
+        "{error}"
+    );
+}
+
+/// Notes that reading leaves.
+#[derive(Default)]
+struct Notes(std::sync::Mutex<Vec<String>>);
+
+impl fmmgi_gpu::Progress for Notes {
+    fn note(&self, line: &str) {
+        self.0.lock().unwrap().push(line.to_owned());
+    }
+}
+
+#[test]
+fn what_could_be_two_things_is_told() {
+    for (text, both) in [
+        (
+            "0 0 0.5 90 91 92 93\n1 2 3 80 81 82 83\n",
+            ["intensity red green blue", "red green blue label"],
+        ),
+        (
+            "1 .5 1.5 7\n2 .5 2.5 8\n3 1.5 0 9.5\n",
+            ["_ x y z", "x y z intensity"],
+        ),
+    ] {
+        let notes = Notes::default();
+        scan::read(named(text.as_bytes(), "txt").path(), &notes).unwrap();
+        let notes = notes.0.into_inner().unwrap().concat();
+        assert!(both.iter().all(|names| notes.contains(names)), "{notes}");
+    }
+}
+
+#[test]
+fn black_points_at_the_beginning_do_not_tell_the_depth() {
+    let mut text = "x y z red green blue\n".to_owned();
+    text += &"1.00000 2.00000 3.00000 0 0 0\n".repeat(200_000);
+    text += "1 2 3 200 200 200\n";
+    let cloud = read(text.as_bytes()).unwrap();
+    assert!((cloud.reflectance[200_000].x - 0.577_58).abs() < 1e-4);
+    // The same without names: the colours begin behind the first block.
+    let text =
+        text.split_once('\n').unwrap().1.to_owned() + &"1 2 3.5 200 200 200\n".repeat(300_000);
+    let cloud = read(text.as_bytes()).unwrap();
+    assert!((cloud.reflectance[200_000].x - 0.577_58).abs() < 1e-4);
+}
+
+#[test]
 fn what_is_wrong_is_told() {
     let long = [b"1 2 3\n".to_vec(), vec![b'1'; 5 << 20]].concat();
     let cases: &[(&[u8], &str)] = &[
@@ -242,6 +373,9 @@ fn what_is_wrong_is_told() {
         (b"a b c\n1 2 3\n", "\"a b c\", does not name x, y and z"),
         (b"1 2\n3 4\n", "\"1 2\" is no point"),
         (b"x y z\n", "no line of points"),
+        (b"X,Y,Z\n0,25,0,5,0,0\n", "if the commas are decimal ones"),
+        (b"\x1f\x8b\x08\0\0", "is compressed (gzip): unpack it first"),
+        (b"\xff\xfep\0l\0y\0\n\0", "is text in UTF-16"),
         (&long, "line 2 is longer than"),
     ];
     for (bytes, expected) in cases {
@@ -276,6 +410,10 @@ fn the_content_goes_before_the_name() {
     ] {
         let message = error_named(b"1 2 3\n", ending);
         assert!(message.contains(expected), "{message:?} lacks {expected:?}");
+        assert!(
+            message.contains("its content is a table of points"),
+            "{message:?}"
+        );
     }
     for (bytes, ending) in [
         (&b"\x7fELF\x02\x01\0\0"[..], ""),
