@@ -10,6 +10,7 @@ use encoding_rs_io::DecodeReaderBytesBuilder;
 use memchr::{memchr_iter, memrchr};
 use rayon::prelude::*;
 
+use super::BOM;
 use super::fields::Rows;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -55,14 +56,9 @@ impl<'a> Lines<'a, Text> {
         progress.advance(head.len() as u64);
         let old = !head.contains(&b'\n') && head.contains(&b'\r');
         let line_end = if old { b'\r' } else { b'\n' };
-        let mark = b"\xef\xbb\xbf"; // of UTF-8
         Ok(Lines {
             comments: true,
-            from: if head.starts_with(mark) {
-                mark.len()
-            } else {
-                0
-            },
+            from: if head.starts_with(BOM) { BOM.len() } else { 0 },
             to: head.len(),
             at_end: head.len() < BLOCK,
             buffer: head,
@@ -94,6 +90,11 @@ impl<'a, R: Read> Lines<'a, R> {
         }
     }
 
+    /// The number of the line before the next.
+    pub fn number(&self) -> u64 {
+        self.number.saturating_sub(1)
+    }
+
     /// An error in the line before the next.
     pub fn error(&self, what: impl Display) -> Error {
         Error::input(&self.path, self.located(what))
@@ -101,7 +102,7 @@ impl<'a, R: Read> Lines<'a, R> {
 
     /// What is wrong, in the line before the next.
     pub fn located(&self, what: impl Display) -> String {
-        format!("line {}: {what}", self.number.saturating_sub(1))
+        format!("line {}: {what}", self.number())
     }
 
     /// Whole lines that are in memory and not used yet, comments and all; none at the end of the

@@ -10,6 +10,7 @@ mod names;
 mod obj;
 mod pcd;
 pub(crate) mod ply;
+mod polygons;
 mod ptx;
 mod text;
 
@@ -109,6 +110,8 @@ impl Scan {
     }
 }
 
+/// The mark of UTF-8, which some programs write.
+const BOM: &[u8] = b"\xef\xbb\xbf";
 /// Bytes at the start of a file that tell its format.
 const HEAD: usize = 1 << 16;
 /// First bytes of compressed files, and what unpacks them.
@@ -184,11 +187,11 @@ impl Format {
 
     /// By the first bytes, whatever the name.
     fn by_magic(head: &[u8]) -> Option<Self> {
-        match head {
+        match head.strip_prefix(BOM).unwrap_or(head) {
             [b'p', b'l', b'y', end, ..] if end.is_ascii_whitespace() => Some(Format::Ply),
             _ if head.starts_with(b"LASF") => Some(Format::Las),
             _ if head.starts_with(b"ASTM-E57") => Some(Format::E57),
-            _ if pcd::begins(head) => Some(Format::Pcd),
+            head if pcd::begins(head) => Some(Format::Pcd),
             _ => None,
         }
     }
@@ -209,7 +212,7 @@ impl Format {
 
     /// By the first lines of a text.
     fn by_text(head: &[u8]) -> Option<Self> {
-        let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
+        let text = head.strip_prefix(BOM).unwrap_or(head);
         // The last line may be cut.
         let end = match head.len() {
             HEAD => text

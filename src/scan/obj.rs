@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use super::colours::Stored;
 use super::fields::{finished, judge_colours};
-use super::lines::{Lines, not_a_number, number, words};
+use super::lines::{Lines, Text, not_a_number, number, words};
 use super::mesh::Mesh;
+use super::polygons::Polygons;
 use super::{ReadOptions, Scan};
 use crate::error::{Error, Result};
 use crate::points::{DEFAULT_REFLECTANCE, MAX_COLOUR_REFLECTANCE, PointCloud};
@@ -16,19 +17,35 @@ use crate::progress::Progress;
 type Parsed<T> = std::result::Result<T, String>;
 
 /// Reads an OBJ file: vertices `v x y z`, with or without a colour `r g b` (see
-/// [colours](super::colours)), and faces `f`, whose polygons are cut into triangles around their first
-/// corner. Normals, materials and all else are skipped. Without faces the vertices are the points.
+/// [colours](super::colours)), and faces `f`, whose [polygons](Polygons) are cut into triangles. A line that ends
+/// with `\` goes on in the next. Materials and all else are skipped. Without faces the vertices are the points,
+/// and have the normals `vn`, if there is one for each.
 pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Result<Scan> {
     let mut lines = Lines::open(path, progress)?;
-    let mut vertices = PointCloud::default();
-    let mut triangles = Vec::new();
-    while let Some(line) = lines.line()? {
-        let parsed = add(line, &mut vertices, &mut triangles);
+    let mut content = Content::default();
+    let mut line = Vec::new();
+    while next(&mut lines, &mut line)? {
+        let parsed = content.add(&line);
         parsed.map_err(|what| lines.error(what))?;
+        if content.farthest.1 == 0 {
+            content.farthest.1 = lines.number();
+        }
     }
+    let Content {
+        mut vertices,
+        normals,
+        polygons,
+        farthest: (farthest, number),
+    } = content;
     let count = vertices.len();
     if count == 0 {
         return Err(Error::input(path, "empty mesh: the file has no vertices"));
+    }
+    if farthest as usize > count {
+        return Err(Error::input(
+            path,
+            format!("line {number}: a face has the vertex {farthest}, but there are {count}"),
+        ));
     }
     let has_colours = vertices.reflectance.iter().any(|r| !r.is_nan());
     let mut fields = vec!["x", "y", "z"];
@@ -38,12 +55,19 @@ pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Resu
     let mut repairs = lines.doubt().into_iter().collect();
     let colours = &mut vertices.reflectance;
     let how = judge_colours(colours, Stored::Words, options.colours, &mut repairs);
-    let taken = match how {
-        Some(how) => format!("place x y z; colours r g b: {how}"),
-        None => format!("place x y z; no colours: reflectance {DEFAULT_REFLECTANCE}"),
+    let triangles = polygons.triangles(&vertices.positions, &mut repairs);
+    let sampled = !triangles.is_empty();
+    let mut taken = "place x y z".to_owned();
+    if !sampled && normals.len() == count {
+        vertices.normals = normals;
+        fields.extend(["nx", "ny", "nz"]);
+        taken += "; normals vn";
+    }
+    taken += &match how {
+        Some(how) => format!("; colours r g b: {how}"),
+        None => format!("; no colours: reflectance {DEFAULT_REFLECTANCE}"),
     };
     let cloud = finished(vertices, MAX_COLOUR_REFLECTANCE, repairs);
-    let sampled = !triangles.is_empty();
     let format = if sampled {
         format!("OBJ, {count} vertices, {} triangles", triangles.len())
     } else {
@@ -62,13 +86,72 @@ pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Resu
     })
 }
 
-/// Adds what a line says.
-fn add(line: &[u8], vertices: &mut PointCloud, triangles: &mut Vec<[u32; 3]>) -> Parsed<()> {
-    let mut words = words(line);
-    match words.next() {
-        Some(b"v") => add_vertex(words, vertices),
-        Some(b"f") => add_face(words, vertices.len(), triangles),
-        _ => Ok(()),
+/// The next line, with those that it goes on in; returns whether there is one.
+fn next(lines: &mut Lines<Text>, line: &mut Vec<u8>) -> Result<bool> {
+    line.clear();
+    while let Some(part) = lines.line()? {
+        line.extend(part);
+        if line.last() != Some(&b'\\') {
+            return Ok(true);
+        }
+        line.pop();
+        line.push(b' ');
+    }
+    Ok(!line.is_empty())
+}
+
+/// What a file has.
+#[derive(Default)]
+struct Content {
+    vertices: PointCloud,
+    normals: Vec<Vec3>,
+    polygons: Polygons,
+    /// The largest vertex of a face, counted from 1, which may come later, and its line; 0 while that is not
+    /// known.
+    farthest: (u32, u64),
+}
+
+impl Content {
+    /// Adds what a line says.
+    fn add(&mut self, line: &[u8]) -> Parsed<()> {
+        let mut words = words(line);
+        match words.next() {
+            Some(b"v") => add_vertex(words, &mut self.vertices),
+            Some(b"vn") => {
+                let values = words.map(|word| number(word).unwrap_or(f64::NAN) as f32);
+                let values: Vec<f32> = values.take(3).collect();
+                if let [x, y, z] = values[..] {
+                    self.normals.push(Vec3::new(x, y, z));
+                }
+                Ok(())
+            }
+            Some(b"f") => self.add_face(words),
+            _ => Ok(()),
+        }
+    }
+
+    /// Adds a face of corners like `3`, `3/1/2` or, counted from the last vertex, `-1`.
+    fn add_face<'a>(&mut self, words: impl Iterator<Item = &'a [u8]>) -> Parsed<()> {
+        let vertices = self.vertices.len();
+        for word in words {
+            let index = word.split(|&byte| byte == b'/').next();
+            let index: Option<i64> = index.and_then(|i| std::str::from_utf8(i).ok()?.parse().ok());
+            let from_one = match index {
+                Some(from_start @ 1..) => from_start,
+                Some(from_end @ ..=-1) => vertices as i64 + 1 + from_end,
+                _ => return Err(not_a_number(word, "a corner of a face")),
+            };
+            let corner = u32::try_from(from_one).ok().filter(|&corner| corner > 0);
+            let corner = corner.ok_or_else(|| {
+                format!("a face has the vertex {from_one}, but there are {vertices} before it")
+            })?;
+            if corner > self.farthest.0 {
+                self.farthest = (corner, 0);
+            }
+            self.polygons.add(corner - 1);
+        }
+        self.polygons.close();
+        Ok(())
     }
 }
 
@@ -91,49 +174,6 @@ fn add_vertex<'a>(words: impl Iterator<Item = &'a [u8]>, vertices: &mut PointClo
     let colour = if count == 6 { colour } else { [f64::NAN; 3] };
     vertices.positions.push(DVec3::new(x, y, z));
     vertices.reflectance.push(DVec3::from(colour).as_vec3());
-    Ok(())
-}
-
-/// Adds a face of corners like `3`, `3/1/2` or, counted from the last vertex, `-1`.
-fn add_face<'a>(
-    words: impl Iterator<Item = &'a [u8]>,
-    vertices: usize,
-    triangles: &mut Vec<[u32; 3]>,
-) -> Parsed<()> {
-    let corner = |word: &[u8]| {
-        let index = word.split(|&byte| byte == b'/').next();
-        let index: Option<i64> = index.and_then(|i| std::str::from_utf8(i).ok()?.parse().ok());
-        let place = match index {
-            Some(from_start @ 1..) => from_start - 1,
-            Some(from_end @ ..=-1) => vertices as i64 + from_end,
-            _ => return Err(not_a_number(word, "a corner of a face")),
-        };
-        match u32::try_from(place) {
-            Ok(place) if (place as usize) < vertices => Ok(place),
-            _ => Err(format!(
-                "a face has the vertex {}, but there are {vertices} before it",
-                place + 1
-            )),
-        }
-    };
-    let mut first_and_last = None;
-    let mut corners = 0;
-    for word in words {
-        let corner = corner(word)?;
-        first_and_last = match first_and_last {
-            None => Some((corner, corner)),
-            Some((first, last)) => {
-                if corners > 1 {
-                    triangles.push([first, last, corner]);
-                }
-                Some((first, corner))
-            }
-        };
-        corners += 1;
-    }
-    if corners < 3 {
-        return Err(format!("a face of {corners} corners"));
-    }
     Ok(())
 }
 

@@ -180,15 +180,76 @@ fn faces_of_ply_files_give_normals_or_samples() {
     }
 }
 
+/// A wall of 5 by 3 with a door of 1 by 2, as one polygon.
+const WALL: [[i32; 2]; 8] = [
+    [0, 0],
+    [2, 0],
+    [2, 2],
+    [3, 2],
+    [3, 0],
+    [5, 0],
+    [5, 3],
+    [0, 3],
+];
+
+#[test]
+fn polygons_that_are_not_convex_keep_their_shape() {
+    let vertices = |word: &str| WALL.map(|[x, z]| format!("{word}{x} 0 {z}\n")).concat();
+    let obj = vertices("v ") + "f 1 2 3 4 5 6 7 8\n";
+    // Backwards, and before the vertices.
+    let back = "f 8 7 6 5 \\\n 4 3 2 1\n".to_owned() + &vertices("v ");
+    let ply = format!(
+        "ply\nformat ascii 1.0\nelement vertex 8\n{XYZ}element face 2\n\
+         property list uchar int vertex_indices\nend_header\n{}8 0 1 2 3 4 5 6 7\n2 0 1\n",
+        vertices("")
+    );
+    for (text, ending, side) in [(obj, "obj", -1.0), (back, "obj", 1.0), (ply, "ply", -1.0)] {
+        let file = named(text.as_bytes(), ending);
+        let options = ReadOptions {
+            faces: true,
+            ..points(1000)
+        };
+        let cloud = Scan::read(file.path(), &options, &Silent).unwrap().cloud;
+        assert!(
+            (cloud.areas.iter().sum::<f32>() - 13.0).abs() < 1e-3,
+            "{ending}"
+        );
+        let in_door = |p: &&DVec3| (2.0..3.0).contains(&p.x) && p.z < 2.0;
+        assert_eq!(
+            cloud.positions.iter().filter(in_door).count(),
+            0,
+            "{ending}"
+        );
+        assert!(cloud.normals.iter().all(|n| n.y == side), "{ending}");
+        if ending == "ply" {
+            assert_eq!(
+                cloud.repairs[0],
+                "1 faces of fewer than three corners left out"
+            );
+        }
+    }
+}
+
+#[test]
+fn points_of_obj_files_have_their_normals() {
+    let cloud =
+        read(b"v 1 2 3 255 0 188\nv 4 5 6 0 0 0\nvn 0 0 1\nvn 1 0 0\nl 1 2\nf 1 2\n").unwrap();
+    assert_eq!(cloud.normals, [Vec3::Z, Vec3::X]);
+    assert!((cloud.reflectance[0] - Vec3::new(0.9, 0.0, 0.502_886)).length() < 1e-4);
+    assert_eq!(
+        cloud.repairs,
+        ["1 faces of fewer than three corners left out"]
+    );
+}
+
 #[test]
 fn what_is_wrong_is_told() {
     let cases = [
         ("v 1 2\n", "line 1: a vertex of 2 numbers"),
         ("v 1 2 q\n", "line 1: \"q\" is no number (a vertex)"),
-        ("v 1 2 3\nf 1 1\n", "line 2: a face of 2 corners"),
         (
             "v 1 2 3\n\nf 1 1 2\n",
-            "line 3: a face has the vertex 2, but there are 1 before it",
+            "line 3: a face has the vertex 2, but there are 1",
         ),
         ("v 1 2 3\nf -1 -2 -1\n", "line 2: a face has the vertex 0"),
         (

@@ -190,6 +190,11 @@ fn the_words_of_a_file_by_hand_are_understood() {
         let other = read(other.replace("4.2108e+06", &word).as_bytes()).unwrap();
         assert_eq!(other.reflectance, cloud.reflectance, "{kind} {word}");
     }
+    // Small and capital letters, and the mark of UTF-8, are all the same.
+    let other = text.to_lowercase().replace("x y z rgb", "X Y Z RGB");
+    let other = read(format!("\u{feff}{other}").as_bytes()).unwrap();
+    assert_eq!(other.reflectance, cloud.reflectance);
+    assert_eq!(other.positions[0], cloud.positions[0]);
     // The default viewpoint is no evidence; the origin in another turn is, of points near it.
     assert!(cloud.scanners.is_empty());
     let turned = text.replace("0 0 0 1 0 0 0", "0 0 0 0 1 0 0");

@@ -223,6 +223,58 @@ fn repairs_are_made_and_counted() {
 }
 
 #[test]
+fn headers_and_lines_are_read_as_people_write_them() {
+    let plain = two_points(
+        "property uchar red\nproperty uchar green\nproperty uchar blue\n",
+        "255 0 188",
+        "0 0 0",
+    );
+    let expected = read(&plain).unwrap();
+    let text = String::from_utf8(plain).unwrap();
+    let many = format!(
+        "ply\nformat ascii 1.0\nelement vertex 9999\n{XYZ}end_header\n{}",
+        "1 2\n3\n".repeat(9999)
+    );
+    for other in [
+        format!("\u{feff}{text}"),
+        text.replace("ascii 1.0\n", "ascii 1.0\n\n"),
+        text.replace("uchar", "UCHAR"),
+        text.replace("3 255", "3\n255").replace("6 0", "6\n0"),
+        text.replace("3 255 0", "3\n255\n0")
+            .replace("6 0 0", "6\n0\n0"),
+        text.replace("property float x", "property int64 t\nproperty float x")
+            .replace("1 2 3", "1234567890123 1 2 3")
+            .replace("4 5 6", "1 4 5 6"),
+    ] {
+        let cloud = read(other.as_bytes()).unwrap_or_else(|error| panic!("{other}: {error}"));
+        assert_eq!(cloud.positions, expected.positions, "{other}");
+        assert_eq!(cloud.reflectance, expected.reflectance, "{other}");
+    }
+    let cloud = read(many.as_bytes()).unwrap();
+    assert!(
+        cloud.len() == 9999
+            && cloud
+                .positions
+                .iter()
+                .all(|p| *p == DVec3::new(1.0, 2.0, 3.0))
+    );
+    let message = error(many.replacen("3\n1 2\n3\n1", "3\n1 x\n3\n1", 1).as_bytes());
+    assert!(
+        message.contains("\"x\" is no number (property \"y\")"),
+        "{message}"
+    );
+
+    let mut bytes =
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty uint64 red\n".to_vec();
+    bytes.extend(format!("property uint64 green\nproperty uint64 blue\n{XYZ}end_header\n").bytes());
+    bytes.extend([7u64; 3].map(u64::to_le_bytes).concat());
+    bytes.extend([1f32, 2.0, 3.0].map(f32::to_le_bytes).concat());
+    let cloud = read(&bytes).unwrap();
+    assert_eq!(cloud.positions, [DVec3::new(1.0, 2.0, 3.0)]);
+    assert_eq!(cloud.reflectance, [Vec3::splat(0.5)]);
+}
+
+#[test]
 fn blocks_join_without_a_seam() {
     // Several blocks of 4 MiB, whose ends fall inside rows.
     let n = 700_000;

@@ -6,6 +6,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::error::{Error, Result};
+use crate::scan::BOM;
 use crate::scan::lines::number;
 
 type Parsed<T> = std::result::Result<T, String>;
@@ -65,7 +66,7 @@ pub enum Kind {
 
 impl Kind {
     fn of(letter: &str, size: &str) -> Parsed<Self> {
-        Ok(match (letter, size) {
+        Ok(match (&*letter.to_uppercase(), size) {
             ("I", "1") => Kind::I1,
             ("I", "2") => Kind::I2,
             ("I", "4") => Kind::I4,
@@ -203,7 +204,11 @@ pub fn begins(text: &[u8]) -> bool {
     let mut lines = text.split(|&byte| byte == b'\n').map(<[u8]>::trim_ascii);
     let line = lines.find(|line| !line.is_empty() && !line.starts_with(b"#"));
     let word = line.and_then(|line| line.split(u8::is_ascii_whitespace).next());
-    text.starts_with(b"# .PCD") || KEYS.iter().any(|key| word == Some(key.as_bytes()))
+    let is_key = |word: &[u8]| {
+        KEYS.iter()
+            .any(|key| word.eq_ignore_ascii_case(key.as_bytes()))
+    };
+    text.starts_with(b"# .PCD") || word.is_some_and(is_key)
 }
 
 /// Reads a header up to and with its line DATA; fails with what is wrong and where.
@@ -235,17 +240,20 @@ pub fn read(input: &mut impl BufRead) -> Parsed<Header> {
                 .collect();
             format!("header line {lines} ({line:?}): {what}")
         };
-        let text = String::from_utf8_lossy(&line);
+        let bare = line.strip_prefix(BOM).unwrap_or(&line);
+        let text = String::from_utf8_lossy(bare);
         let text = text.split('#').next().unwrap_or_default();
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
-        let Some((&key, values)) = words.split_first() else {
+        let Some((key, values)) = words.split_first() else {
             continue;
         };
+        let key = &*key.to_uppercase();
         if key == "DATA" {
-            let data = match values {
-                ["ascii"] => Data::Ascii,
-                ["binary"] => Data::Binary,
-                ["binary_compressed"] => Data::Compressed,
+            let encoding = values.join(" ").to_lowercase();
+            let data = match &*encoding {
+                "ascii" => Data::Ascii,
+                "binary" => Data::Binary,
+                "binary_compressed" => Data::Compressed,
                 _ => return Err(about("must be ascii, binary or binary_compressed".into())),
             };
             return raw.header(data, bytes, lines);

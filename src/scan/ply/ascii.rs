@@ -1,12 +1,18 @@
 //! The values of ascii PLY files: one entry a line.
 
-use ply_rs::ply::{ElementDef, PropertyType};
+use std::io::Read;
 
-use super::faces::{Faces, Fan};
+use ply_rs::ply::{ElementDef, PropertyDef, PropertyType};
+
+use super::faces::{Faces, corner};
 use super::{PlyFile, Rows};
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::scan::lines::{self, Lines, words};
+use crate::scan::polygons::Polygons;
+
+/// Vertices that are handed on at a time.
+const BLOCK: usize = 1 << 12;
 
 type Parsed<T> = std::result::Result<T, String>;
 
@@ -27,7 +33,11 @@ pub fn rows(
     let ignore = |_: &[u8], _: &mut [f64]| Ok(());
     lines.rows(before, 1, ignore, &mut |_| {})?;
     let parse = |line: &[u8], row: &mut [f64]| parse(line, &element, &slots, row);
-    let done = lines.rows(element.count, columns.len(), parse, take)?;
+    let scattered = is_scattered(lines.ahead()?, &element);
+    let done = match scattered {
+        true => scattered_rows(&mut lines, &element, &slots, columns.len(), take)?,
+        false => lines.rows(element.count, columns.len(), parse, take)?,
+    };
     if done < element.count {
         return Err(ply.input_error(format!(
             "the file is cut short: it ends after {done} of {} vertices",
@@ -42,7 +52,7 @@ pub fn rows(
     };
     let between: usize = between.into_iter().map(lines_of).sum();
     lines.rows(between, 1, ignore, &mut |_| {})?;
-    let mut fan = Fan::new(element.count);
+    let mut polygons = Polygons::default();
     for done in 0..face.count {
         let Some(line) = lines.line()? else {
             return Ok(Some(Err(format!(
@@ -50,11 +60,76 @@ pub fn rows(
                 face.count
             ))));
         };
-        if let Err(what) = add_face(line, face, &mut fan) {
+        if let Err(what) = add_face(line, face, element.count, &mut polygons) {
             return Ok(Some(Err(lines.located(what))));
         }
     }
-    Ok(Some(Ok(fan.triangles)))
+    Ok(Some(Ok(polygons)))
+}
+
+/// Whether each vertex takes several lines: the values of the first ones fit just so.
+fn is_scattered(text: &[u8], element: &ElementDef) -> bool {
+    let is_scalar = |property: &PropertyDef| matches!(property.data_type, PropertyType::Scalar(_));
+    let all = element.properties.len();
+    let lines = text.split(|&byte| matches!(byte, b'\n' | b'\r'));
+    let mut counts = lines
+        .map(|line| words(line).count())
+        .filter(|&count| count > 0);
+    let mut sum = counts.next().unwrap_or(all);
+    if sum >= all || !element.properties.values().all(is_scalar) {
+        return false;
+    }
+    while sum < all {
+        match counts.next() {
+            Some(count) => sum += count,
+            None => return false,
+        }
+    }
+    sum == all
+}
+
+/// Vertices whose values are parted into lines anyhow; returns their number.
+fn scattered_rows<R: Read>(
+    lines: &mut Lines<R>,
+    element: &ElementDef,
+    slots: &[Option<usize>],
+    width: usize,
+    take: &mut dyn FnMut(Rows),
+) -> Result<usize> {
+    let names: Vec<&String> = element.properties.keys().collect();
+    let mut values = vec![0.0; BLOCK * width];
+    let (mut row, mut column, mut done) = (0, 0, 0);
+    while done < element.count {
+        let Some(line) = lines.line()? else { break };
+        let mut wrong = None;
+        for word in words(line) {
+            match (done < element.count, number(word, names[column])) {
+                (false, _) => wrong = Some("more values than the header has properties".into()),
+                (true, Err(what)) => wrong = Some(what),
+                (true, Ok(value)) => {
+                    if let Some(slot) = slots[column] {
+                        values[row * width + slot] = value;
+                    }
+                }
+            }
+            if wrong.is_some() {
+                break;
+            }
+            column = (column + 1) % names.len();
+            if column == 0 {
+                (row, done) = (row + 1, done + 1);
+            }
+            if row == BLOCK {
+                take(&values);
+                row = 0;
+            }
+        }
+        if let Some(what) = wrong {
+            return Err(lines.error(what));
+        }
+    }
+    take(&values[..row * width]);
+    Ok(done)
 }
 
 /// Lines that an element takes.
@@ -96,19 +171,26 @@ fn parse(
 }
 
 /// Parses the line of a face.
-fn add_face(line: &[u8], face: &ElementDef, fan: &mut Fan) -> Parsed<()> {
+fn add_face(
+    line: &[u8],
+    face: &ElementDef,
+    vertices: usize,
+    polygons: &mut Polygons,
+) -> Parsed<()> {
     let mut words = words(line);
     for property in face.properties.values() {
         let name = &property.name;
         let word = words.next().ok_or_else(|| ends_before(name))?;
         if let PropertyType::List(..) = property.data_type {
             let wanted = super::faces::is_vertices(name);
-            fan.begin();
             for _ in 0..length(word, name)? {
                 let word = words.next().ok_or_else(|| ends_before(name))?;
                 if wanted {
-                    fan.add(number(word, name)?)?;
+                    polygons.add(corner(number(word, name)?, vertices)?);
                 }
+            }
+            if wanted {
+                polygons.close();
             }
         }
     }

@@ -5,11 +5,12 @@ use std::io::{self, BufRead, Read, Seek};
 use ply_rs::ply::{ElementDef, Encoding, PropertyType, ScalarType};
 use rayon::prelude::*;
 
-use super::faces::{Faces, Fan};
+use super::faces::{Faces, corner};
 use super::layout::{decode, offset, size};
 use super::{PlyFile, Rows};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use crate::scan::polygons::Polygons;
 
 /// Bytes that are read, decoded and handed on at a time.
 const BLOCK: usize = 4 << 20;
@@ -65,12 +66,12 @@ fn read_faces<R: BufRead + Seek>(
     vertices: usize,
     progress: &dyn Progress,
 ) -> Result<Faces> {
-    let mut fan = Fan::new(vertices);
+    let mut polygons = Polygons::default();
     for done in 0..face.count {
         if done % 65536 == 0 {
             progress.check()?;
         }
-        match read_face(input, face, encoding, &mut fan) {
+        match read_face(input, face, encoding, vertices, &mut polygons) {
             Ok(Ok(())) => {}
             Ok(Err(what)) => return Ok(Err(format!("face {done}: {what}"))),
             Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => {
@@ -82,7 +83,7 @@ fn read_faces<R: BufRead + Seek>(
             Err(e) => return Ok(Err(format!("face {done}: {e}"))),
         }
     }
-    Ok(Ok(fan.triangles))
+    Ok(Ok(polygons))
 }
 
 /// Reads one face; the inner error is a bad index.
@@ -90,7 +91,8 @@ fn read_face<R: BufRead + Seek>(
     input: &mut R,
     face: &ElementDef,
     encoding: Encoding,
-    fan: &mut Fan,
+    vertices: usize,
+    polygons: &mut Polygons,
 ) -> io::Result<std::result::Result<(), String>> {
     let value = |input: &mut R, scalar: &ScalarType| {
         let mut buffer = [0; 8];
@@ -108,13 +110,13 @@ fn read_face<R: BufRead + Seek>(
             input.seek_relative(length.max(0.0) as i64 * size(item) as i64)?;
             continue;
         }
-        fan.begin();
         for _ in 0..length as u64 {
-            let index = value(input, item)?;
-            if let Err(what) = fan.add(index) {
-                return Ok(Err(what));
+            match corner(value(input, item)?, vertices) {
+                Ok(corner) => polygons.add(corner),
+                Err(what) => return Ok(Err(what)),
             }
         }
+        polygons.close();
     }
     Ok(Ok(()))
 }

@@ -55,12 +55,14 @@ pub fn read(path: &Path, mesh: &ReadOptions, progress: &dyn Progress) -> Result<
         sampled: false,
     };
     match faces {
-        Some(Ok(triangles)) if mesh.faces => {
+        Some(Ok(polygons)) if mesh.faces => {
+            let triangles = polygons.triangles(&scan.cloud.positions, &mut scan.cloud.repairs);
             let surface = Mesh::new(scan.cloud, triangles);
             scan.cloud = surface.sample(path, mesh, progress)?;
             scan.sampled = true;
         }
-        Some(Ok(triangles)) => {
+        Some(Ok(polygons)) => {
+            let triangles = polygons.triangles(&scan.cloud.positions, &mut scan.cloud.repairs);
             let normals = Mesh::normals(&scan.cloud.positions, &triangles);
             if normals.iter().all(|&normal| normal == Vec3::ZERO) {
                 return Ok(scan);

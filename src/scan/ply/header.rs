@@ -7,6 +7,7 @@
 use std::collections::HashSet;
 use std::io::{BufRead, Read};
 
+use crate::scan::BOM;
 use ply_rs::parser::Parser;
 use ply_rs::ply::{DefaultElement, ElementDef, Encoding, KeyMap};
 
@@ -22,13 +23,16 @@ pub struct Header {
     pub lines: u64,
     /// The byte that ends a line: `\n` or, in very old files, `\r`.
     pub line_end: u8,
+    /// Names of properties that are whole numbers of 64 bits, in the model doubles.
+    pub wide: HashSet<String>,
 }
 
 /// Reads a header up to and with its line `end_header`; fails with what is wrong and where.
 pub fn read(input: &mut impl BufRead) -> Result<Header, String> {
     let mut input = input.take(MAX_HEADER);
-    let line_end = match input.fill_buf() {
-        Ok([b'p', b'l', b'y', b'\r', next, ..]) if *next != b'\n' => b'\r',
+    let head = input.fill_buf().unwrap_or_default();
+    let line_end = match head.strip_prefix(BOM).unwrap_or(head) {
+        [b'p', b'l', b'y', b'\r', next, ..] if *next != b'\n' => b'\r',
         _ => b'\n',
     };
     let (mut bytes, mut lines) = (0, 0);
@@ -49,6 +53,10 @@ pub fn read(input: &mut impl BufRead) -> Result<Header, String> {
             });
         }
         let line = line.trim_ascii();
+        let line = match lines {
+            1 => line.strip_prefix(BOM).unwrap_or(line),
+            _ => line,
+        };
         let plain = match (lines, line) {
             (1, b"ply") => Ok("ply".to_owned()),
             (1, _) => Err("a PLY file begins with a line \"ply\""),
@@ -69,6 +77,7 @@ pub fn read(input: &mut impl BufRead) -> Result<Header, String> {
         bytes,
         lines,
         line_end,
+        wide: seen.wide,
     })
 }
 
@@ -79,6 +88,7 @@ struct Seen {
     elements: HashSet<String>,
     /// Of the last element.
     properties: HashSet<String>,
+    wide: HashSet<String>,
 }
 
 /// A line as ply-rs reads it, or what is wrong with it.
@@ -89,6 +99,7 @@ fn plain_line(line: &[u8], seen: &mut Seen) -> Result<String, &'static str> {
     let line = std::str::from_utf8(line).map_err(|_| "not UTF-8")?;
     let words: Vec<&str> = line.split_ascii_whitespace().collect();
     let (line, rule) = match words[..] {
+        [] => return Ok("comment".to_owned()),
         ["end_header"] => return Ok("end_header".to_owned()),
         ["format", .., version] if version != "1.0" => {
             return Err("only version 1.0 is understood");
@@ -119,10 +130,16 @@ fn plain_line(line: &[u8], seen: &mut Seen) -> Result<String, &'static str> {
         ] => {
             return Err("the count of a list must be of an integer type");
         }
+        ["property", "int64" | "uint64" | "long" | "ulong", name] => {
+            let name = plain_name(name, &mut seen.properties)?;
+            seen.wide.insert(name.clone());
+            // Of the same length.
+            return Ok(format!("property double {name}"));
+        }
         ["property", ref kind @ .., name] => (
             format!(
                 "property {} {}",
-                kind.join(" "),
+                kind.join(" ").to_lowercase(),
                 plain_name(name, &mut seen.properties)?
             ),
             "must be \"property TYPE NAME\" or \"property list TYPE TYPE NAME\", with types like \

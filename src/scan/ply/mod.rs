@@ -65,13 +65,19 @@ impl PlyFile {
         find(name).or_else(|| find(&format!("scalar_{name}")))
     }
 
-    /// The names of the vertices' properties; empty for lists.
+    /// The names of the vertices' properties; empty for those that are not read, lists and, in binary files,
+    /// whole numbers of 64 bits.
     fn single_names(&self) -> Vec<&str> {
         let properties = self.element().properties.values();
         properties
             .map(|property| match property.data_type {
-                PropertyType::Scalar(_) => property.name.as_str(),
-                PropertyType::List(..) => "",
+                PropertyType::Scalar(_)
+                    if self.header.encoding == Encoding::Ascii
+                        || !self.header.wide.contains(&property.name) =>
+                {
+                    property.name.as_str()
+                }
+                _ => "",
             })
             .collect()
     }
