@@ -14,7 +14,6 @@ fn endings_say_the_format() {
     let input = scan::read(&folder.path().join("scan.ply"), &Silent).unwrap();
     for (name, magic) in [
         ("lit.ply", "ply\n"),
-        ("lit", "ply\n"),
         ("lit.las", "LASF"),
         ("lit.laz", "LASF"),
         ("lit.csv", "x,y,z,nx,ny,nz,red"),
@@ -51,6 +50,14 @@ fn other_endings_are_refused_before_the_work() {
         2,
         "lit.obj: points can be written to files",
     );
+    for (args, words) in [
+        ("-o lit.jpg", "lit.jpg: points can be written to files"),
+        ("-o lit", "lit: points can be written to files"),
+        ("--image lit.jpg", "must end with .png"),
+        ("--image lit", "must end with .png"),
+    ] {
+        fails(&folder, &format!("solve broken.ply {args}"), 2, words);
+    }
     fails(
         &folder,
         "visible broken.ply --from 0,0,0 -o seen.laz",

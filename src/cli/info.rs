@@ -112,6 +112,9 @@ fn look(scene: &Scene) -> Result<Vec<Report>> {
             true => Vec::new(),
             false => survey.notes(),
         };
+        if i + 1 == scene.sources.len() {
+            notes.extend(scene.doubts()?);
+        }
         if dark && survey.shining == 0 && i + 1 == scene.sources.len() {
             notes.push("nothing gives light: add --light or --sky".to_owned());
         }

@@ -41,6 +41,21 @@ pub fn check_ply(output: &Path) -> Result<()> {
     }
 }
 
+/// Fails if the ending of a picture stands for another format.
+pub fn check_png(output: &Path) -> Result<()> {
+    let is_device = output.starts_with("/dev") || is_device(output);
+    let is_png = output
+        .extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("png"));
+    match is_png || is_device {
+        true => Ok(()),
+        false => Err(Error::Usage(format!(
+            "{}: pictures are written as PNG, so the name must end with .png",
+            output.display()
+        ))),
+    }
+}
+
 /// Fails if an output is a file that is read.
 pub fn spare(input: &Path, outputs: &[&Path]) -> Result<()> {
     match outputs.iter().find(|output| same_file(output, input)) {
@@ -52,9 +67,13 @@ pub fn spare(input: &Path, outputs: &[&Path]) -> Result<()> {
     }
 }
 
+/// Whether a path leads to a device or a pipe.
+fn is_device(path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir())
+}
+
 /// Whether two paths lead to one file. Devices can take several outputs.
 fn same_file(a: &Path, b: &Path) -> bool {
-    let is_device = |path| fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir());
     match (resolved(a), resolved(b)) {
         (Some(a), Some(b)) => a == b && !is_device(&a),
         _ => false,

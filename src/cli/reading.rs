@@ -3,7 +3,7 @@
 use clap::ValueEnum;
 use fmmgi_gpu::scan::ColourSpace;
 use fmmgi_gpu::scene::SceneOptions;
-use fmmgi_gpu::{Progress, Scene};
+use fmmgi_gpu::{Progress, Result, Scene};
 
 #[derive(clap::Args)]
 pub struct Reading {
@@ -16,6 +16,9 @@ pub struct Reading {
     /// Take points that LAS files flag as withheld or noise (classes 7 and 18)
     #[arg(long)]
     keep_flagged: bool,
+    /// Take files that lie thousands of their sizes apart
+    #[arg(long)]
+    far_apart: bool,
     /// What the columns of texts are, by name, _ for those that mean nothing: x,y,z,r,g,b,_
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     columns: Vec<String>,
@@ -40,6 +43,7 @@ impl Reading {
                 Colours::Srgb16 => ColourSpace::Srgb16,
                 Colours::Linear => ColourSpace::Linear,
             }),
+            far_apart: self.far_apart,
             keep_flagged: self.keep_flagged,
             columns: self.columns.clone(),
             ..SceneOptions::default()
@@ -47,8 +51,8 @@ impl Reading {
     }
 }
 
-/// Tells once what of each file was taken for what.
-pub fn tell(scene: &Scene, progress: &dyn Progress) {
+/// Tells once what of each file was taken for what, and what is doubtful.
+pub fn tell(scene: &Scene, progress: &dyn Progress) -> Result<()> {
     let read = scene
         .sources
         .iter()
@@ -56,4 +60,8 @@ pub fn tell(scene: &Scene, progress: &dyn Progress) {
     for source in read {
         progress.note(&format!("{}: {}", source.path.display(), source.taken));
     }
+    for doubt in scene.doubts()? {
+        progress.note(&format!("warning: {doubt}"));
+    }
+    Ok(())
 }

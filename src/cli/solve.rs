@@ -6,10 +6,12 @@ use std::time::Instant;
 use fmmgi_gpu::illuminate::checks::Checks;
 use fmmgi_gpu::illuminate::surface_error;
 use fmmgi_gpu::output::{self, Format, write_atomic, write_stats};
+use fmmgi_gpu::scene::PointLight;
 use fmmgi_gpu::{
-    Checkpoint, Error, Method, Progress, Result, Scene, Stats, Transport, memory, render,
+    Checkpoint, Error, IlluminationMap, Method, Progress, Result, Scene, Stats, Transport, memory,
+    render,
 };
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use super::asked::Asked;
 use super::terminal::{self, Terminal};
@@ -71,6 +73,7 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
         .collect();
     outputs::check(&asked.inputs, &files)?;
     args.output.as_deref().map(Format::of).transpose()?;
+    args.image.as_deref().map(outputs::check_png).transpose()?;
     if let Some(operator) = &args.operator {
         // A kept operator may be replaced by itself, refined.
         let results: Vec<&Path> = results.into_iter().filter_map(Option::as_deref).collect();
@@ -98,7 +101,7 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
     hang(&mut scene);
     scene.sky = asked.sky.unwrap_or(scene.sky);
     let load = began.elapsed().as_secs_f64();
-    reading::tell(&scene, &progress);
+    reading::tell(&scene, &progress)?;
     warn_of_darkness(&scene, &progress);
     let about = |error: Error| asked.about(error);
     let (transport, mut result) = chosen.run(&progress, |backend| {
@@ -117,6 +120,7 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
         }
         Ok((transport, result))
     })?;
+    warn_of_lost_lamps(&scene, &result.map, &progress);
     let kept = args.save_operator.as_deref().zip(Some(transport));
 
     // Everything is computed before anything is written: an interruption leaves no half result.
@@ -172,6 +176,47 @@ fn warn_of_darkness(scene: &Scene, progress: &dyn Progress) {
             "warning: nothing gives light, so everything will be dark: add --light or --sky, or \
              give points an emission (properties emission_red, emission_green, emission_blue)",
         );
+    }
+}
+
+/// Share of the light of lamps in sight that is next to nothing.
+const NEXT_TO_NOTHING: f64 = 0.02;
+
+/// A lamp outside of a room, or in another coordinate system, lights nothing.
+fn warn_of_lost_lamps(scene: &Scene, map: &IlluminationMap, progress: &dyn Progress) {
+    let shines = scene
+        .lights
+        .iter()
+        .any(|light| light.intensity != Vec3::ZERO);
+    let (true, Some(bounds)) = (shines, scene.bounds()) else {
+        return;
+    };
+    // What leaks through a wall is next to nothing of what a lamp in sight gives.
+    let given = |p: &DVec3| {
+        let of_lamp = |light: &PointLight| {
+            f64::from(light.intensity.element_sum()) / light.position.distance_squared(*p)
+        };
+        scene.lights.iter().map(of_lamp).sum::<f64>()
+    };
+    let given: f64 = scene
+        .cloud
+        .positions
+        .iter()
+        .map(given)
+        .filter(|e| e.is_finite())
+        .sum();
+    let got: f64 = map
+        .irradiance
+        .iter()
+        .map(|h| f64::from(h.element_sum()))
+        .sum();
+    if got < NEXT_TO_NOTHING * given {
+        let places = scene.lights.iter().map(|light| light.position.to_string());
+        progress.note(&format!(
+            "warning: the lamps light nothing, at {}: the points lie within {bounds}, and face away or are \
+             hidden",
+            places.collect::<Vec<_>>().join(", ")
+        ));
     }
 }
 

@@ -99,6 +99,7 @@ pub fn run(args: &Args) -> Result<Done> {
     if let Some(path) = &args.output {
         outputs::check_ply(path)?;
     }
+    args.image.as_deref().map(outputs::check_png).transpose()?;
     let chosen = backend::choose(args.backend, args.adapter.as_deref(), Method::Fmm)?;
     terminal::stop_on_ctrl_c();
     let progress = Terminal::new(args.quiet, args.verbose);

@@ -35,13 +35,17 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format that the ending of a file's name stands for. Without an ending it is PLY.
+    /// The format that the ending of a file's name stands for. Devices and pipes without an ending get PLY.
     ///
     /// # Errors
-    /// [`Error::Usage`] for other endings.
+    /// [`Error::Usage`] for other endings, and for files without one.
     pub fn of(path: &Path) -> Result<Format> {
-        let ending = path.extension().unwrap_or("ply".as_ref());
+        // `/dev/stdout` may lead to a file.
+        let is_pipe = || path.metadata().is_ok_and(|m| !m.is_file() && !m.is_dir());
+        let is_device = || path.starts_with("/dev") || is_pipe();
+        let ending = path.extension().unwrap_or_default();
         match ending.to_ascii_lowercase().to_str() {
+            Some("") if is_device() => Ok(Format::Ply),
             Some("ply") => Ok(Format::Ply),
             Some("las") => Ok(Format::Las),
             Some("laz") => Ok(Format::Laz),

@@ -41,7 +41,8 @@ impl Scene {
     /// scene file.
     ///
     /// # Errors
-    /// As [`Scene::load`]; also [`Error::Usage`] for a second scene file.
+    /// As [`Scene::load`]; also [`Error::Usage`] for a second scene file, and for files that lie thousands of
+    /// their sizes apart, unless the options say that this is meant.
     pub fn load_all<P: AsRef<Path>>(
         paths: &[P],
         options: &SceneOptions,
@@ -70,6 +71,7 @@ impl Scene {
             };
             has_surfaces |= surfaces;
         }
+        scene.check_together(options.far_apart)?;
         // A number of points says how finely surfaces are sampled; scans are not resampled.
         match (options.points, paths.last()) {
             (Some(_), Some(path)) if !has_surfaces => Err(Error::Usage(format!(

@@ -1,6 +1,7 @@
 //! What is to be lit: points, lights, camera; read from a scene file, a scan, or both.
 
 mod cave;
+mod doubts;
 mod file;
 mod load;
 mod sample;
@@ -13,6 +14,7 @@ use std::path::PathBuf;
 
 use glam::{DVec3, Vec3};
 
+pub use doubts::Bounds;
 pub(crate) use load::DEFAULT_POINTS;
 pub use values::{BRIGHTEST, LARGEST, TOLERANCES};
 
@@ -95,6 +97,8 @@ pub struct SceneOptions {
     pub mesh: bool,
     /// What the colours of scans are, instead of what their values tell.
     pub colours: Option<ColourSpace>,
+    /// Takes files that lie thousands of their sizes apart.
+    pub far_apart: bool,
     /// Takes points that files flag as withheld or noise.
     pub keep_flagged: bool,
     /// What the columns of texts are, instead of what they tell; empty if nothing is said.

@@ -190,6 +190,12 @@ fn the_words_of_a_file_by_hand_are_understood() {
         let other = read(other.replace("4.2108e+06", &word).as_bytes()).unwrap();
         assert_eq!(other.reflectance, cloud.reflectance, "{kind} {word}");
     }
+    let zeros = text
+        .replace("nan nan nan", "0 0 0")
+        .replace("1 1 1 4", "0 0 0 4");
+    let zeros = read(zeros.as_bytes()).unwrap();
+    assert!(zeros.positions[1].is_nan() && zeros.positions[2].is_nan());
+    assert!(zeros.repairs[0].starts_with("2 points at the origin"));
     // Small and capital letters, and the mark of UTF-8, are all the same.
     let other = text.to_lowercase().replace("x y z rgb", "X Y Z RGB");
     let other = read(format!("\u{feff}{other}").as_bytes()).unwrap();

@@ -209,6 +209,14 @@ fn columns_are_guessed_as_people_write_them() {
             "0 .5 0 5120 6000 65535\n1 2 3 600 40000 5\n",
             "x y z red green blue",
         ),
+        (
+            "0 .5 0 90 3 91 92 90\n1 2 3 70 1 80 84 80\n1 2 5 99 2 203 200 200\n",
+            "x y z intensity _ red green blue",
+        ),
+        (
+            "9 99 9 0 .5 .25\n9 9 9 .5 1.5 2.5\n9 7 9 1.5 3 4.5\n",
+            "red green blue x y z",
+        ),
         // Row and column, a running number, a label before the place.
         (
             "0 0 .5 1 .25 9 99 9\n0 1 .5 2 .25 9 9 9\n1 0 .5 3 .25 9 9 9\n1 2 .5 .5 1 9 9 9\n",

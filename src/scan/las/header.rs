@@ -184,7 +184,7 @@ impl Header {
 fn points(raw: &raw::Header, is_extended: bool, repairs: &mut Vec<String>) -> u64 {
     let legacy = u64::from(raw.number_of_point_records);
     match raw.large_file.map(|large| large.number_of_point_records) {
-        Some(points) if is_extended || legacy == 0 => {
+        Some(points) if is_extended && points > 0 || legacy == 0 => {
             if legacy != 0 && legacy != points {
                 repairs.push(format!(
                     "{points} points, as the header counts in 64 bits; in 32 it counts {legacy}"

@@ -6,6 +6,7 @@ mod lzf;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::colours::Stored;
@@ -63,6 +64,16 @@ pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Resu
         Data::Compressed => body.compressed(input, bytes, &mut take)?,
     }
     let (mut cloud, taken) = builder.finish(options.colours, repairs);
+    // Directions without a return, as some drivers write them; one point may be at the origin.
+    let is_origin = |p: &DVec3| *p == DVec3::ZERO;
+    let without_return = cloud.positions.iter().filter(|p| is_origin(p)).count();
+    if without_return > 1 {
+        let nowhere = cloud.positions.iter_mut().filter(|p| is_origin(p));
+        nowhere.for_each(|p| *p = DVec3::NAN);
+        cloud.repairs.push(format!(
+            "{without_return} points at the origin, as directions without a return are: without a place"
+        ));
+    }
     let place = header.viewpoint;
     let scanner = place.and_then(|place| scanner(&cloud, 0..cloud.len(), place));
     cloud.scanners.extend(scanner);

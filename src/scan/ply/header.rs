@@ -116,7 +116,7 @@ fn plain_line(line: &[u8], seen: &mut Seen) -> Result<String, &'static str> {
                 .parse()
                 .map_err(|_| "the count must be a whole number from 0 on")?;
             seen.properties.clear();
-            let name = plain_name(name, &mut seen.elements)?;
+            let name = plain_name(&name.to_lowercase(), &mut seen.elements)?;
             return Ok(format!("element {name} {count}"));
         }
         ["property", ..] if seen.elements.is_empty() => {

@@ -15,7 +15,7 @@ const BRIGHT: f64 = 31.0;
 const LENGTH: f64 = 0.05;
 /// Most labels.
 const LABELS: usize = 64;
-/// Four columns of which the first three and the last three are so nearly alike could be either.
+/// Where three columns and three others are so nearly alike, either could be the colour.
 const DOUBT: f64 = 0.8;
 
 /// Values of some lines.
@@ -189,22 +189,31 @@ impl Sample {
             && self.is_place(1)
         {
             &["label"]
+        } else if self.columns >= 6
+            && (0..3).all(|at| self.is_count(at))
+            && self.are_colours(0)
+            && self.pointed[3..6] == [true; 3]
+            && self.is_place(3)
+        {
+            &["red", "green", "blue"]
         } else {
             &[]
         }
     }
 
-    /// Names of all columns, the place behind some; `shifted` takes the later of two colours that could be.
-    fn names(&self, before: &[&'static str], shifted: impl Fn(usize) -> bool) -> Vec<String> {
+    /// Names of all columns, the place behind some. Of several colours that could be, the likeliest, or
+    /// if that is in doubt and `second` is asked for, the next one.
+    fn names(&self, before: &[&'static str], second: bool) -> Vec<String> {
         let mut names = before.to_vec();
         names.extend(["x", "y", "z"]);
-        let (mut normals, mut colours, mut intensity) = (false, false, false);
+        let (mut normals, mut intensity) = (false, false);
+        let mut colours = before.contains(&"blue");
         while names.len() < self.columns {
             let at = names.len();
             if !normals && self.are_normals(at) {
                 normals = true;
                 names.extend(["nx", "ny", "nz"]);
-            } else if !colours && self.are_colours(at) && !(self.are_either(at) && shifted(at)) {
+            } else if !colours && self.are_colours(at) && self.likely_colour(at, second) == at {
                 colours = true;
                 names.extend(["red", "green", "blue"]);
             } else if self.is_alpha(at) && names.last() == Some(&"blue") {
@@ -221,27 +230,30 @@ impl Sample {
         names.into_iter().map(str::to_owned).collect()
     }
 
-    /// Whether of four columns the first three as well as the last three could be a colour.
-    fn are_either(&self, at: usize) -> bool {
-        let certain = self.is_alpha(at + 3) || at + 3 < self.columns && self.is_running(at + 3);
-        self.are_colours(at + 1) && !certain
-    }
-
-    /// Which of the two is more like a colour, and whether that is in doubt.
-    fn is_later(&self, at: usize) -> (bool, bool) {
-        let [first, last] = [self.spread(at), self.spread(at + 1)];
-        (last <= first, first.min(last) > DOUBT * first.max(last))
+    /// Where the colour begins, of the places from `from` on, one after the other, where it could.
+    fn likely_colour(&self, from: usize, second: bool) -> usize {
+        if self.is_alpha(from + 3) || from + 3 < self.columns && self.is_running(from + 3) {
+            return from;
+        }
+        let places = (from..self.columns).take_while(|&at| self.are_colours(at));
+        let mut spreads: Vec<(f64, usize)> = places.map(|at| (self.spread(at), at)).collect();
+        // Of equal ones the later.
+        spreads.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        match spreads[..] {
+            [(best, _), (next, at), ..] if second && best > DOUBT * next => at,
+            [(_, at), ..] => at,
+            [] => from,
+        }
     }
 }
 
 /// The likeliest meaning of columns without names.
 pub fn names(sample: &Sample) -> Guess {
     let before = sample.before_place();
-    let names = sample.names(before, |at| sample.is_later(at).0);
-    let doubtful = |at: usize| sample.is_later(at).1 != sample.is_later(at).0;
+    let names = sample.names(before, false);
     let other = match before {
-        [] => sample.names(before, doubtful),
-        _ => sample.names(&[], |at| sample.is_later(at).0),
+        [] => sample.names(before, true),
+        _ => sample.names(&[], false),
     };
     let other = (other != names).then_some(other);
     Guess { names, other }
