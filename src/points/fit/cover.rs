@@ -27,6 +27,8 @@ const NOISE: f32 = 5.0;
 /// Where less than this part of the points within its size lie on its plane, a surfel is too large for what
 /// is there: boards, posts, pipes, edges.
 const WHOLE: f32 = 0.65;
+/// Where more than this part lies on a plane within the noise, one surface ends at another.
+const PART: f32 = 0.3;
 /// Surfels are made smaller for that down to this part of the size wanted.
 const SMALLEST: f32 = 0.25;
 /// Times that a footprint on a line is widened, and by what.
@@ -66,6 +68,11 @@ pub(super) struct Patch {
     pub noise: f32,
     /// Deviation of those within its size from its plane.
     pub rough: f32,
+    /// Whether it is a plane within the noise.
+    pub flat: bool,
+    /// Mean colour of the points on it, and how far they are off that (root mean square).
+    pub colour: Vec3,
+    pub mottled: f32,
     /// Distance of the points around.
     pub spacing: f32,
     /// From where the sample was seen that it was fitted at: a unit vector, or zero.
@@ -75,6 +82,11 @@ pub(super) struct Patch {
 }
 
 impl Patch {
+    /// How far a colour is off that of the points here, in their deviations.
+    pub fn strange(&self, colour: Vec3) -> f32 {
+        colour.distance(self.colour) / self.mottled
+    }
+
     /// Whether a sample was seen on the same side.
     pub fn is_seen_with(&self, samples: &Samples, k: u32) -> bool {
         samples
@@ -92,20 +104,26 @@ impl Patch {
         let way = place - self.position;
         let height = self.normal.dot(way);
         let along = way - height * self.normal;
-        height.abs() / allowed(along, FOOTPRINT * self.size, self.noise)
+        let allowed = match self.flat {
+            true => OFF * self.noise,
+            false => allowed(along, FOOTPRINT * self.size, self.noise),
+        };
+        height.abs() / allowed
     }
 }
 
-/// The surface around a point: its tangent plane, or where that holds for too few points a paraboloid.
+/// The surface around a point: a plane within the noise, its tangent plane, or where that holds for too few
+/// points a paraboloid.
 enum Model {
     Flat(Plane),
+    Tangent(Plane),
     Curved(Curved),
 }
 
 impl Model {
     fn tangent(&self) -> Plane {
         match self {
-            Model::Flat(plane) => *plane,
+            Model::Flat(plane) | Model::Tangent(plane) => *plane,
             Model::Curved(curved) => curved.tangent(),
         }
     }
@@ -113,7 +131,8 @@ impl Model {
     /// How far place k is off, in what is allowed.
     fn off(&self, around: &Around, k: usize) -> f32 {
         match self {
-            Model::Flat(plane) => around.off(plane, k),
+            Model::Flat(plane) => around.off_flat(plane, k),
+            Model::Tangent(plane) => around.off(plane, k),
             Model::Curved(curved) => curved.off(around, k),
         }
     }
@@ -297,7 +316,8 @@ impl Cover<'_> {
                 radius: FOOTPRINT * size,
                 noise,
             };
-            let is_whole = |model: &Model| {
+            // The part of what is around that is on it.
+            let part_on = |model: &Model| {
                 // What was seen on its other side is no matter.
                 let normal = model.tangent().normal;
                 let inside = (0..near.len())
@@ -305,24 +325,39 @@ impl Cover<'_> {
                 let (on, all) = inside.fold((0, 0), |(on, all), k| {
                     (on + u32::from(model.off(&around, k) <= 1.0), all + 1)
                 });
-                on as f32 >= WHOLE * all as f32 && model.off(&around, 0) <= 1.0
+                match model.off(&around, 0) <= 1.0 {
+                    true => on as f32 / all as f32,
+                    false => 0.0,
+                }
             };
-            let plane = around.plane(&mut random)?;
-            let flat = Model::Flat(plane);
-            let model = match is_whole(&flat) && around.is_flat(&plane) {
-                true => flat,
-                false => {
-                    let curved = Curved::fit(&around, &plane).map(Model::Curved);
-                    match curved.filter(is_whole) {
-                        Some(curved) => curved,
-                        None if is_whole(&flat) => flat,
-                        None if widened == 0 && size > least => {
-                            size = least.max(0.5 * size);
-                            continue;
-                        }
-                        None if whole => return None,
-                        None => flat,
+            let is_whole = |model: &Model| part_on(model) >= WHOLE;
+            let is_part = |model: &Model| {
+                part_on(model) >= PART && {
+                    let on = (0..places.len()).filter(|&k| model.off(&around, k) <= 1.0);
+                    is_around(&model.tangent(), on.map(|k| places[k]), size)
+                }
+            };
+            let [bent, straight] = around.planes(&mut random)?;
+            let flat = Model::Flat(straight);
+            let tangent = Model::Tangent(bent);
+            let model = if is_whole(&flat) {
+                flat
+            } else if whole && is_part(&flat) {
+                return None;
+            } else if is_whole(&tangent) && around.is_flat(&bent) {
+                tangent
+            } else {
+                let curved = Curved::fit(&around, &bent).map(Model::Curved);
+                match curved.filter(is_whole) {
+                    Some(curved) => curved,
+                    None if is_part(&flat) => flat,
+                    None if is_whole(&tangent) => tangent,
+                    None if widened == 0 && size > least => {
+                        size = least.max(0.5 * size);
+                        continue;
                     }
+                    None if whole => return None,
+                    None => tangent,
                 }
             };
             if model.off(&around, 0) > 1.0 {
@@ -356,13 +391,18 @@ impl Cover<'_> {
                 return None;
             }
             let position = place - plane.height(Vec3::ZERO) * plane.normal;
+            let flat = matches!(model, Model::Flat(_));
             let within = || {
                 let within = (0..near.len()).filter(|&k| near[k].1 <= size * size);
-                within.filter(|&k| around.off(&plane, k) <= 1.0)
+                within.filter(|&k| match flat {
+                    true => offs[k] <= 1.0,
+                    false => around.off(&plane, k) <= 1.0,
+                })
             };
             let covered = within().map(|k| near[k].0).collect();
             let squares = within().map(|k| plane.height(places[k]).powi(2));
             let mean = squares.sum::<f32>() / within().count().max(1) as f32;
+            let (colour, mottled) = samples.mean_colour(within().map(|k| near[k].0));
             let patch = Patch {
                 sample: i as u32,
                 position,
@@ -370,6 +410,9 @@ impl Cover<'_> {
                 size,
                 noise,
                 rough: noise.max(mean.sqrt()),
+                flat,
+                colour,
+                mottled,
                 spacing: scale.spacing[i],
                 view: around.view,
                 both: false,

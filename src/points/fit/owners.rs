@@ -21,6 +21,9 @@ const BESIDE: f32 = 1.5;
 /// as much as that of this many deviations.
 const NEARER: f32 = 0.2;
 
+/// Deviations of a colour beyond which it is one that a surface may have somewhere.
+const STRANGEST: f32 = 3.0;
+
 /// For each sample its surfel, and whether it lies on it or only gets its light.
 pub(super) struct Owners {
     owners: Vec<(u32, bool)>,
@@ -35,9 +38,9 @@ impl Owners {
     pub fn of(samples: &Samples, patches: &mut [Patch], progress: &dyn Progress) -> Result<Owners> {
         let mut owners = Owners::nearest_to(samples, patches)?;
         progress.check()?;
+        owners.settle(samples, patches);
         let nearest = owners.nearest(samples, patches);
         (patches.iter_mut().zip(nearest)).for_each(|(patch, k)| patch.sample = k);
-        owners.settle(samples, patches);
         Ok(owners)
     }
 
@@ -52,9 +55,10 @@ impl Owners {
                 let far = place.distance(patch.position) / patch.size;
                 let beside = patch.beside(place);
                 let deviations = patch.deviations(place);
+                let strange = patch.strange(samples.colours[sample]).min(STRANGEST);
                 let seen = patch.is_seen_with(samples, sample as u32);
-                (seen && far < FAR && beside < BESIDE)
-                    .then_some((k, NEARER * far * far + deviations * deviations))
+                let off = NEARER * far * far + deviations * deviations + strange * strange;
+                (seen && far < FAR && beside < BESIDE).then_some((k, off))
             });
             match own.min_by(|a, b| a.1.total_cmp(&b.1)) {
                 Some((k, _)) => (k, true),
@@ -97,18 +101,22 @@ impl Owners {
         }
     }
 
-    /// Moves patches along their normals onto the mean of their points.
+    /// Moves patches to the middle of their points: one that was begun at an edge lies beside it.
     fn settle(&self, samples: &Samples, patches: &mut [Patch]) {
-        let mut sums = vec![(0.0, 0.0); patches.len()];
+        let mut sums = vec![(Vec3::ZERO, 0.0); patches.len()];
         for (k, owner) in self.iter() {
-            let patch = &patches[owner as usize];
             let (sum, count) = &mut sums[owner as usize];
-            *sum += patch.normal.dot(samples.positions[k] - patch.position);
+            *sum += samples.positions[k] - patches[owner as usize].position;
             *count += 1.0;
         }
         for (patch, (sum, count)) in patches.iter_mut().zip(sums) {
+            let up = patch.normal.dot(sum);
             // The plane itself knows as much as its points around do.
-            patch.position += patch.normal * (sum / (count + AS_SURE));
+            let up_by = up / (count + AS_SURE) * patch.normal;
+            patch.position += match patch.flat {
+                true => up_by + (sum - up * patch.normal) / f32::max(count, 1.0),
+                false => up_by,
+            };
         }
     }
 

@@ -13,6 +13,8 @@ const DRAWN_FROM: usize = 24;
 const JUDGES: usize = 96;
 /// Rounds of fitting and weighing.
 const ROUNDS: usize = 4;
+/// Rounds for a flat surface, each with what noise is taken for, in deviations: the point itself is off by some.
+const WIDE: [f32; 3] = [2.0, 1.5, 1.0];
 /// Points this many deviations off a plane are no part of it.
 pub(super) const OFF: f32 = 2.5;
 /// A surface bends away from its tangent plane by up to this part of r² / R within the radius R: one
@@ -140,6 +142,14 @@ impl Around<'_> {
         square <= (BENDING * self.noise).powi(2) * count
     }
 
+    /// How far place k is off this plane, in what noise allows.
+    pub fn off_flat(&self, plane: &Plane, k: usize) -> f32 {
+        match self.is_seen_with(plane.normal, k) {
+            true => plane.height(self.places[k]).abs() / (OFF * self.noise),
+            false => f32::INFINITY,
+        }
+    }
+
     fn weight(&self, plane: &Plane, k: usize) -> f32 {
         let height = OFF * self.off(plane, k);
         (-0.5 * height * height).exp() * self.near(k)
@@ -151,18 +161,24 @@ impl Around<'_> {
         (1.0 - part).max(0.05)
     }
 
-    /// The plane through the point that most places agree with; `None` where they lie on no plane.
-    pub fn plane(&self, random: &mut Pcg64Mcg) -> Option<Plane> {
+    /// The planes through the point that most places agree with, as a tangent plane from which the surface may
+    /// bend away and as all of a flat surface; `None` where they lie on none.
+    pub fn planes(&self, random: &mut Pcg64Mcg) -> Option<[Plane; 2]> {
         let (places, n) = (self.places, self.places.len());
         if n < 3 {
             return None;
         }
         let step = n.div_ceil(JUDGES);
+        let flat = |plane: &Plane, k: usize, wide: f32| {
+            let off = OFF * self.off_flat(plane, k) / wide;
+            (-0.5 * off * off).exp()
+        };
         let agreement = |plane: &Plane| {
-            (0..n)
-                .step_by(step)
-                .map(|k| self.weight(plane, k))
-                .sum::<f32>()
+            let judges = (0..n).step_by(step);
+            judges.fold([0.0; 2], |[bent, straight], k| {
+                let weight = self.weight(plane, k);
+                [bent + weight, straight + flat(plane, k, WIDE[0])]
+            })
         };
         let through = |normal: Vec3| Plane {
             normal,
@@ -173,12 +189,13 @@ impl Around<'_> {
             let of = places[..count.min(n)].iter().map(|&p| (p, 1.0));
             Weighted::of(of).plane()
         };
-        let mut best = even(n).or_else(|| even(AT_LEAST))?;
-        let mut most = agreement(&best);
+        let first = even(n).or_else(|| even(AT_LEAST))?;
+        let (mut best, mut most) = ([first; 2], agreement(&first));
         let mut consider = |plane: Plane| {
-            let agree = agreement(&plane);
-            if agree > most {
-                (best, most) = (plane, agree);
+            for (which, agree) in agreement(&plane).into_iter().enumerate() {
+                if agree > most[which] {
+                    (best[which], most[which]) = (plane, agree);
+                }
             }
         };
         even(2 * AT_LEAST).into_iter().for_each(&mut consider);
@@ -192,11 +209,16 @@ impl Around<'_> {
                 consider(through(across.normalize()));
             }
         }
+        let [mut bent, mut straight] = best;
         for _ in 0..ROUNDS {
-            let weighted = (0..n).map(|k| (places[k], self.weight(&best, k)));
-            best = Weighted::of(weighted).plane()?;
+            let weighted = (0..n).map(|k| (places[k], self.weight(&bent, k)));
+            bent = Weighted::of(weighted).plane()?;
         }
-        Some(best)
+        for wide in WIDE {
+            let weighted = (0..n).map(|k| (places[k], flat(&straight, k, wide)));
+            straight = Weighted::of(weighted).plane().unwrap_or(bent);
+        }
+        Some([bent, straight])
     }
 }
 

@@ -33,6 +33,10 @@ const ENOUGH: f64 = 0.25;
 /// Noise below this part of the spacing is taken for this: planes stand for curved surfaces.
 const LEAST_NOISE: f32 = 0.01;
 
+/// Colours of one surface differ by so much at least: the reflectance of a step of 8 bits, and light that was
+/// uneven.
+const COLOURS: f32 = 0.02;
+
 /// Points of a half, at most: so many tell as well as more how sure a surface is.
 const HALF: usize = 500_000;
 
@@ -44,6 +48,8 @@ pub(super) struct Samples {
     pub positions: Vec<Vec3>,
     /// Indices in the cloud.
     pub points: Vec<u32>,
+    /// Reflectances.
+    pub colours: Vec<Vec3>,
     /// Unit vectors to where the points were seen from, or their own normals; zero where neither is known, and empty
     /// if that is so of all.
     views: Vec<Vec3>,
@@ -92,6 +98,10 @@ impl Samples {
         progress.check()?;
         Ok(Samples {
             origin,
+            colours: points
+                .par_iter()
+                .map(|&i| cloud.reflectance[i as usize])
+                .collect(),
             views,
             positions,
             points,
@@ -101,6 +111,18 @@ impl Samples {
     /// From where a sample was seen, if that is known of any.
     pub fn view(&self, k: u32) -> Option<Vec3> {
         self.views.get(k as usize).copied()
+    }
+
+    /// Mean colour of samples, and how far they are off that (root mean square), or as well as colours are known.
+    pub fn mean_colour(&self, of: impl Iterator<Item = u32>) -> (Vec3, f32) {
+        let sum = |(sum, squares, count): (Vec3, f32, f32), k: u32| {
+            let colour = self.colours[k as usize];
+            (sum + colour, squares + colour.length_squared(), count + 1.0)
+        };
+        let (sum, squares, count) = of.fold((Vec3::ZERO, 0.0, 0.0_f32), sum);
+        let mean = sum / count.max(1.0);
+        let variance = (squares / count.max(1.0) - mean.length_squared()).max(0.0);
+        (mean, variance.sqrt().max(COLOURS))
     }
 
     pub fn len(&self) -> usize {
@@ -121,6 +143,7 @@ impl Samples {
             origin: self.origin,
             positions: part(&self.positions, first, step),
             points: part(&self.points, first, step),
+            colours: part(&self.colours, first, step),
             views: part(&self.views, first, step),
         }
     }
