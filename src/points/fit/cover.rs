@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use super::curved::Curved;
 use super::plane::{AT_LEAST, Around, OFF, Plane, Weighted, allowed, same_side};
+use super::round::Round;
 use super::samples::{Samples, Scale};
 use crate::error::Result;
 use crate::points::neighbours::Neighbours;
@@ -70,6 +71,8 @@ pub(super) struct Patch {
     pub rough: f32,
     /// Whether it is a plane within the noise.
     pub flat: bool,
+    /// The larger principal curvature, positive where it bends toward its normal.
+    pub bend: f32,
     /// Mean colour of the points on it, and how far they are off that (root mean square).
     pub colour: Vec3,
     pub mottled: f32,
@@ -112,10 +115,11 @@ impl Patch {
     }
 }
 
-/// The surface around a point: a plane within the noise, its tangent plane, or where that holds for too few
-/// points a paraboloid.
+/// The surface around a point: a plane or a cylinder within the noise, its tangent plane, or where that holds for
+/// too few points a paraboloid.
 enum Model {
     Flat(Plane),
+    Round(Round),
     Tangent(Plane),
     Curved(Curved),
 }
@@ -124,7 +128,17 @@ impl Model {
     fn tangent(&self) -> Plane {
         match self {
             Model::Flat(plane) | Model::Tangent(plane) => *plane,
+            Model::Round(round) => round.tangent(),
             Model::Curved(curved) => curved.tangent(),
+        }
+    }
+
+    /// The larger principal curvature, positive where the surface bends toward its normal.
+    fn bend(&self) -> f32 {
+        match self {
+            Model::Flat(_) | Model::Tangent(_) => 0.0,
+            Model::Round(round) => round.bend(),
+            Model::Curved(curved) => curved.principal()[0].0 as f32,
         }
     }
 
@@ -133,6 +147,7 @@ impl Model {
         match self {
             Model::Flat(plane) => around.off_flat(plane, k),
             Model::Tangent(plane) => around.off(plane, k),
+            Model::Round(round) => round.off(around, k),
             Model::Curved(curved) => curved.off(around, k),
         }
     }
@@ -347,9 +362,11 @@ impl Cover<'_> {
             } else if is_whole(&tangent) && around.is_flat(&bent) {
                 tangent
             } else {
-                let curved = Curved::fit(&around, &bent).map(Model::Curved);
-                match curved.filter(is_whole) {
-                    Some(curved) => curved,
+                let curved = Curved::fit(&around, &bent);
+                let round = curved.and_then(|curved| Round::fit(&around, &curved));
+                let round = round.map(Model::Round).filter(is_whole);
+                match round.or_else(|| curved.map(Model::Curved).filter(is_whole)) {
+                    Some(model) => model,
                     None if is_part(&flat) => flat,
                     None if is_whole(&tangent) => tangent,
                     None if widened == 0 && size > least => {
@@ -394,9 +411,9 @@ impl Cover<'_> {
             let flat = matches!(model, Model::Flat(_));
             let within = || {
                 let within = (0..near.len()).filter(|&k| near[k].1 <= size * size);
-                within.filter(|&k| match flat {
-                    true => offs[k] <= 1.0,
-                    false => around.off(&plane, k) <= 1.0,
+                within.filter(|&k| match model {
+                    Model::Flat(_) | Model::Round(_) => offs[k] <= 1.0,
+                    _ => around.off(&plane, k) <= 1.0,
                 })
             };
             let covered = within().map(|k| near[k].0).collect();
@@ -411,6 +428,7 @@ impl Cover<'_> {
                 noise,
                 rough: noise.max(mean.sqrt()),
                 flat,
+                bend: model.bend(),
                 colour,
                 mottled,
                 spacing: scale.spacing[i],

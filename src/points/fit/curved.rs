@@ -96,6 +96,23 @@ impl Curved {
         }
     }
 
+    /// The principal curvatures where it is over the origin, the larger one first, with their directions; positive
+    /// where the surface bends toward its normal.
+    pub fn principal(&self) -> [(f64, DVec3); 2] {
+        let [x, y, _] = self.frame;
+        let [.., a, b, c] = self.coefficients;
+        let angle = 0.5 * b.atan2(a - c);
+        let (mean, half) = (a + c, ((a - c).powi(2) + b * b).sqrt());
+        let along = angle.cos() * x + angle.sin() * y;
+        let across = angle.cos() * y - angle.sin() * x;
+        let both = [(mean + half, along), (mean - half, across)];
+        let both = both.map(|(bend, way)| (bend / self.radius, way));
+        match both[0].0.abs() < both[1].0.abs() {
+            true => [both[1], both[0]],
+            false => both,
+        }
+    }
+
     /// How far a place is off, along the normal of the plane.
     fn miss(&self, place: Vec3) -> f32 {
         let (terms, height) = self.terms(place);
@@ -146,8 +163,8 @@ pub(super) fn deviation(places: &[Vec3]) -> Option<f32> {
 }
 
 /// Solves a symmetric positive definite system (Cholesky); `None` if it is none.
-fn solve(mut m: [[f64; TERMS]; TERMS], mut x: [f64; TERMS]) -> Option<[f64; TERMS]> {
-    for k in 0..TERMS {
+pub(super) fn solve<const N: usize>(mut m: [[f64; N]; N], mut x: [f64; N]) -> Option<[f64; N]> {
+    for k in 0..N {
         for j in 0..k {
             let dot: f64 = (0..j).map(|l| m[k][l] * m[j][l]).sum();
             m[k][j] = (m[k][j] - dot) / m[j][j];
@@ -158,12 +175,12 @@ fn solve(mut m: [[f64; TERMS]; TERMS], mut x: [f64; TERMS]) -> Option<[f64; TERM
         }
         m[k][k] = rest.sqrt();
     }
-    for k in 0..TERMS {
+    for k in 0..N {
         let dot: f64 = (0..k).map(|l| m[k][l] * x[l]).sum();
         x[k] = (x[k] - dot) / m[k][k];
     }
-    for k in (0..TERMS).rev() {
-        let dot: f64 = (k + 1..TERMS).map(|l| m[l][k] * x[l]).sum();
+    for k in (0..N).rev() {
+        let dot: f64 = (k + 1..N).map(|l| m[l][k] * x[l]).sum();
         x[k] = (x[k] - dot) / m[k][k];
     }
     Some(x)

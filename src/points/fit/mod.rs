@@ -9,6 +9,7 @@ mod cover;
 mod curved;
 mod owners;
 mod plane;
+mod round;
 mod samples;
 mod sides;
 mod signs;
@@ -113,11 +114,10 @@ pub(super) fn fit(
     };
     let found = sides::sides(&patches, &known, progress)?;
     for (patch, flipped) in patches.iter_mut().zip(&found.flipped) {
-        patch.normal = if *flipped {
-            -patch.normal
-        } else {
-            patch.normal
-        };
+        if *flipped {
+            patch.normal = -patch.normal;
+            patch.bend = -patch.bend;
+        }
     }
     for (patch, unsure) in patches.iter_mut().zip(&found.unsure) {
         patch.both = *unsure;

@@ -56,6 +56,9 @@ const SEEN_OUT: f64 = 0.05;
 const UNSEEN: f64 = 0.15;
 /// Shares that differ by less do not tell the sides apart.
 const ALIKE: f64 = 0.05;
+/// A surfel is round if its radius of curvature is less than its size over this, and a piece if this part of it is.
+const ROUND: f32 = 0.2;
+const ALL_OVER: f64 = 0.6;
 /// Ground is a surface whose area, seen from above, is more than this part of the whole.
 const GROUND: f64 = 0.25;
 /// Normals point inward or outward as a whole if this part of the ways from the middle goes along them.
@@ -135,11 +138,18 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
         points[p as usize] += count;
     }
     let torn = |(sum, whole): (f64, f64)| sum < SURE * whole;
+    let hollow = hollow(patches, &pieces);
+    let mut round = vec![false; pieces.count];
+    for p in 0..pieces.count {
+        if hollow[p] != 0.0 && torn(add(by_all[p], views.own[p])) {
+            (signs[p], round[p]) = (-hollow[p], true);
+        }
+    }
     let flipped = pieces
         .of
         .iter()
         .map(|&(p, flip)| flip != (signs[p as usize] < 0.0));
-    let unsure = |p: usize| torn(add(by_all[p], views.own[p]));
+    let unsure = |p: usize| !round[p] && torn(add(by_all[p], views.own[p]));
     let hanging = |p: usize| torn(add(seen[p], views.own[p])) && points[p] < FEW;
     let of_pieces = |is: &dyn Fn(usize) -> bool| -> Vec<bool> {
         let of: Vec<bool> = (0..pieces.count).map(is).collect();
@@ -151,6 +161,24 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
         hanging: of_pieces(&hanging),
         how,
     })
+}
+
+/// Of each piece that is round all over and thin: 1 if its normals point to the hollow side, -1 if to the other one,
+/// from which alone pipes, posts and rails are seen. 0 of the others.
+fn hollow(patches: &[Patch], pieces: &Pieces) -> Vec<f64> {
+    let mut sums = vec![(0.0, 0.0); pieces.count];
+    for (patch, &(p, flip)) in patches.iter().zip(&pieces.of) {
+        let bend = if flip { -patch.bend } else { patch.bend };
+        let round = (bend * patch.size).abs() > ROUND;
+        let (sum, whole) = &mut sums[p as usize];
+        *sum += f64::from(u8::from(round)) * f64::from(bend.signum()) * area(patch);
+        *whole += area(patch);
+    }
+    let of = |(sum, whole): (f64, f64)| match sum.abs() > ALL_OVER * whole {
+        true => sum.signum(),
+        false => 0.0,
+    };
+    sums.into_iter().map(of).collect()
 }
 
 fn area(patch: &Patch) -> f64 {
