@@ -34,6 +34,27 @@ fn main() {
         eprintln!("{s}");
     }
     let o = p.surfels.origin;
+    if let Ok(f) = std::env::var("DUMP") {
+        use std::io::Write;
+        let mut w = std::io::BufWriter::new(std::fs::File::create(f).unwrap());
+        for k in 0..p.surfels.len() {
+            let q = p.surfels.positions[k].as_dvec3() + o;
+            let n = p.surfels.normals[k];
+            writeln!(
+                w,
+                "{} {} {} {} {} {} {} {}",
+                q.x,
+                q.y,
+                q.z,
+                n.x,
+                n.y,
+                n.z,
+                p.surfels.areas[k],
+                p.surfels.back(k).map_or(-1, |b| b as i64)
+            )
+            .unwrap();
+        }
+    }
     for q in &a[2..] {
         let (i, rest) = q.split_once(':').unwrap_or((q, "6"));
         let i: usize = i.parse().unwrap();

@@ -30,6 +30,14 @@ const NOISE: f32 = 5.0;
 const WHOLE: f32 = 0.65;
 /// Where more than this part lies on a plane within the noise, one surface ends at another.
 const PART: f32 = 0.3;
+/// Where this part of the footprint does, nothing else is looked for.
+const FLAT: f32 = 0.8;
+/// A surfel is round if its radius of curvature is less than its size over this.
+const ROUND: f32 = 0.2;
+/// Fewer points are on any plane: what goes on there comes first.
+const SUPPORT: f32 = 9.0;
+/// What is round has so many times as many points on it as a plane.
+const ROUNDER: f32 = 1.3;
 /// Surfels are made smaller for that down to this part of the size wanted.
 const SMALLEST: f32 = 0.25;
 /// Times that a footprint on a line is widened, and by what.
@@ -73,6 +81,8 @@ pub(super) struct Patch {
     pub flat: bool,
     /// The larger principal curvature, positive where it bends toward its normal.
     pub bend: f32,
+    /// The cylinder that it is a part of.
+    pub round: Option<Round>,
     /// Mean colour of the points on it, and how far they are off that (root mean square).
     pub colour: Vec3,
     pub mottled: f32,
@@ -85,6 +95,11 @@ pub(super) struct Patch {
 }
 
 impl Patch {
+    /// Whether it bends within a few of its sizes, so that neighbours are seen to lie on one arc.
+    pub fn is_round(&self) -> bool {
+        (self.bend * self.size).abs() > ROUND
+    }
+
     /// How far a colour is off that of the points here, in their deviations.
     pub fn strange(&self, colour: Vec3) -> f32 {
         colour.distance(self.colour) / self.mottled
@@ -97,9 +112,25 @@ impl Patch {
             .is_none_or(|view| same_side(self.normal, self.view, view))
     }
 
-    /// How far a place is off the plane, in deviations of the points on it.
+    /// How far a place is off the plane or the cylinder, in deviations of the points on it.
     pub fn deviations(&self, place: Vec3) -> f32 {
-        self.normal.dot(place - self.position) / self.rough
+        match &self.round {
+            Some(round) => round.height(place) / self.noise,
+            None => self.normal.dot(place - self.position) / self.rough,
+        }
+    }
+
+    /// Its plane next to a place.
+    fn tangent_at(&self, place: Vec3) -> Plane {
+        let height = self.normal.dot(place - self.position);
+        match &self.round {
+            Some(round) => round.tangent_at(place),
+            None => Plane {
+                normal: self.normal,
+                centre: place - height * self.normal,
+                along: [0.0; 2],
+            },
+        }
     }
 
     /// How far a place is beside the surface of this patch, in what counts as off: up to 1 it is on it.
@@ -107,11 +138,11 @@ impl Patch {
         let way = place - self.position;
         let height = self.normal.dot(way);
         let along = way - height * self.normal;
-        let allowed = match self.flat {
-            true => OFF * self.noise,
-            false => allowed(along, FOOTPRINT * self.size, self.noise),
-        };
-        height.abs() / allowed
+        match (&self.round, self.flat) {
+            (Some(round), _) => round.height(place).abs() / (OFF * self.noise),
+            (None, true) => height.abs() / (OFF * self.noise),
+            (None, false) => height.abs() / allowed(along, FOOTPRINT * self.size, self.noise),
+        }
     }
 }
 
@@ -273,27 +304,22 @@ impl Cover<'_> {
             a.total_cmp(&b)
         })?;
         let size = finest.max(next.size.min(self.size.max(finest)));
-        let height = next.normal.dot(place - next.position);
-        let plane = Plane {
-            normal: next.normal,
-            centre: -height * next.normal,
-            along: [0.0; 2],
-        };
+        let plane = next.tangent_at(place);
         let near = self.neighbours.all_within(place, FOOTPRINT * size);
-        let places: Vec<Vec3> = (near.iter())
-            .map(|&(k, _)| self.samples.positions[k as usize] - place)
-            .collect();
+        let places = &self.samples.positions;
         let on: Vec<usize> = (0..near.len())
-            .filter(|&k| plane.height(places[k]).abs() < OFF * next.rough)
+            .filter(|&k| next.deviations(places[near[k].0 as usize]).abs() < OFF)
             .filter(|&k| next.is_seen_with(self.samples, near[k].0))
             .collect();
-        if on.len() <= AT_LEAST || !is_around(&plane, on.iter().map(|&k| places[k]), size) {
+        let around = on.iter().map(|&k| places[near[k].0 as usize] - place);
+        if on.len() <= AT_LEAST || !is_around(&plane, around, size) {
             return None;
         }
         let covered = on.iter().filter(|&&k| near[k].1 <= size * size);
         let patch = Patch {
             sample: i as u32,
-            position: place - height * next.normal,
+            position: plane.centre,
+            normal: plane.normal,
             size,
             spacing: self.scale.spacing[i],
             ..*next
@@ -345,6 +371,13 @@ impl Cover<'_> {
                     false => 0.0,
                 }
             };
+            let on = |model: &Model| {
+                let seen = (0..near.len()).map(|k| model.off(&around, k));
+                let seen = seen.filter(|off| off.is_finite());
+                seen.fold((0.0_f32, 0.0), |(on, all), off| {
+                    (on + f32::from(u8::from(off <= 1.0)), all + 1.0)
+                })
+            };
             let is_whole = |model: &Model| part_on(model) >= WHOLE;
             let is_part = |model: &Model| {
                 part_on(model) >= PART && {
@@ -355,18 +388,29 @@ impl Cover<'_> {
             let [bent, straight] = around.planes(&mut random)?;
             let flat = Model::Flat(straight);
             let tangent = Model::Tangent(bent);
-            let model = if is_whole(&flat) {
+            // Parts of all that is around: few points next to each other are on any surface.
+            let (on_flat, all) = on(&flat);
+            let curved = match on_flat >= FLAT * all {
+                true => None,
+                false => Curved::fit(&around, &bent),
+            };
+            let round = curved.and_then(|curved| Round::fit(&around, &curved));
+            let round = round
+                .map(Model::Round)
+                .filter(|round| is_whole(round) && on(round).0 >= ROUNDER * on_flat);
+            let model = if let Some(round) = round {
+                round
+            } else if whole && on_flat < SUPPORT {
+                return None;
+            } else if is_whole(&flat) {
                 flat
             } else if whole && is_part(&flat) {
                 return None;
             } else if is_whole(&tangent) && around.is_flat(&bent) {
                 tangent
             } else {
-                let curved = Curved::fit(&around, &bent);
-                let round = curved.and_then(|curved| Round::fit(&around, &curved));
-                let round = round.map(Model::Round).filter(is_whole);
-                match round.or_else(|| curved.map(Model::Curved).filter(is_whole)) {
-                    Some(model) => model,
+                match curved.map(Model::Curved).filter(is_whole) {
+                    Some(curved) => curved,
                     None if is_part(&flat) => flat,
                     None if is_whole(&tangent) => tangent,
                     None if widened == 0 && size > least => {
@@ -429,6 +473,10 @@ impl Cover<'_> {
                 rough: noise.max(mean.sqrt()),
                 flat,
                 bend: model.bend(),
+                round: match model {
+                    Model::Round(round) => Some(round.moved(place)),
+                    _ => None,
+                },
                 colour,
                 mottled,
                 spacing: scale.spacing[i],

@@ -110,6 +110,9 @@ impl Owners {
             *count += 1.0;
         }
         for (patch, (sum, count)) in patches.iter_mut().zip(sums) {
+            if patch.round.is_some() {
+                continue;
+            }
             let up = patch.normal.dot(sum);
             // The plane itself knows as much as its points around do.
             let up_by = up / (count + AS_SURE) * patch.normal;

@@ -87,6 +87,34 @@ impl Round {
         (centre.is_finite() && round.radius > 0.0).then_some(Round { centre, ..round })
     }
 
+    /// The same cylinder, where all places are moved.
+    pub fn moved(self, by: Vec3) -> Round {
+        Round {
+            centre: self.centre + by.as_dvec3(),
+            ..self
+        }
+    }
+
+    /// How far a place is outside of it.
+    pub fn height(&self, place: Vec3) -> f32 {
+        (self.away(place).2 - self.radius) as f32
+    }
+
+    /// The tangent plane at the place next to another one.
+    pub fn tangent_at(&self, place: Vec3) -> Plane {
+        let away = self
+            .away(place)
+            .0
+            .normalize_or(self.axis.any_orthonormal_vector());
+        let height = f64::from(self.height(place));
+        let normal = if self.outward { away } else { -away };
+        Plane {
+            normal: normal.as_vec3(),
+            centre: (place.as_dvec3() - height * away).as_vec3(),
+            along: [0.0; 2],
+        }
+    }
+
     /// From the axis to a place, how far along the axis that is, and how far away.
     fn away(&self, place: Vec3) -> (DVec3, f64, f64) {
         let way = place.as_dvec3() - self.centre;
@@ -97,23 +125,15 @@ impl Round {
 
     /// How far place k is off it, in what noise allows.
     pub fn off(&self, around: &Around, k: usize) -> f32 {
-        let far = self.away(around.places[k]).2;
-        let normal = self.tangent().normal;
-        match around.is_seen_with(normal, k) {
-            true => (far - self.radius).abs() as f32 / (OFF * around.noise),
+        match around.is_seen_with(self.tangent().normal, k) {
+            true => self.height(around.places[k]).abs() / (OFF * around.noise),
             false => f32::INFINITY,
         }
     }
 
     /// The tangent plane at the place next to the origin.
     pub fn tangent(&self) -> Plane {
-        let away = -self.centre.normalize_or(self.axis.any_orthonormal_vector());
-        let normal = if self.outward { away } else { -away };
-        Plane {
-            normal: normal.as_vec3(),
-            centre: (self.centre + self.radius * away).as_vec3(),
-            along: [0.0; 2],
-        }
+        self.tangent_at(Vec3::ZERO)
     }
 
     /// Curvature, positive where it bends toward its normal.

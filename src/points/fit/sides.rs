@@ -56,8 +56,7 @@ const SEEN_OUT: f64 = 0.05;
 const UNSEEN: f64 = 0.15;
 /// Shares that differ by less do not tell the sides apart.
 const ALIKE: f64 = 0.05;
-/// A surfel is round if its radius of curvature is less than its size over this, and a piece if this part of it is.
-const ROUND: f32 = 0.2;
+/// A piece is round if this part of it is.
 const ALL_OVER: f64 = 0.6;
 /// Ground is a surface whose area, seen from above, is more than this part of the whole.
 const GROUND: f64 = 0.25;
@@ -150,7 +149,8 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
         .iter()
         .map(|&(p, flip)| flip != (signs[p as usize] < 0.0));
     let unsure = |p: usize| !round[p] && torn(add(by_all[p], views.own[p]));
-    let hanging = |p: usize| torn(add(seen[p], views.own[p])) && points[p] < FEW;
+    let hanging =
+        |p: usize| hollow[p] == 0.0 && torn(add(seen[p], views.own[p])) && points[p] < FEW;
     let of_pieces = |is: &dyn Fn(usize) -> bool| -> Vec<bool> {
         let of: Vec<bool> = (0..pieces.count).map(is).collect();
         pieces.of.iter().map(|&(p, _)| of[p as usize]).collect()
@@ -169,9 +169,8 @@ fn hollow(patches: &[Patch], pieces: &Pieces) -> Vec<f64> {
     let mut sums = vec![(0.0, 0.0); pieces.count];
     for (patch, &(p, flip)) in patches.iter().zip(&pieces.of) {
         let bend = if flip { -patch.bend } else { patch.bend };
-        let round = (bend * patch.size).abs() > ROUND;
         let (sum, whole) = &mut sums[p as usize];
-        *sum += f64::from(u8::from(round)) * f64::from(bend.signum()) * area(patch);
+        *sum += f64::from(u8::from(patch.is_round())) * f64::from(bend.signum()) * area(patch);
         *whole += area(patch);
     }
     let of = |(sum, whole): (f64, f64)| match sum.abs() > ALL_OVER * whole {
@@ -209,7 +208,8 @@ fn pieces(patches: &[Patch]) -> Result<(Pieces, Vec<Vote>)> {
                 let agree = agreement(&own, &other, way);
                 let flat =
                     way.dot(own.normal).abs().max(way.dot(other.normal).abs()) < 0.3 * way.length();
-                let smooth = own.normal.dot(other.normal).abs() > ONE_PIECE && flat;
+                let smooth = own.normal.dot(other.normal).abs() > ONE_PIECE && flat
+                    || own.is_round() && other.is_round();
                 (way.length() < reach).then_some((i as u32, j, agree, smooth))
             })
         })
