@@ -10,7 +10,7 @@ use crate::lights::form;
 use crate::points::{Neighbours, PointCloud, Surfels};
 use crate::progress::Progress;
 use crate::scene::PointLight;
-use crate::visibility::{NO_SURFEL, Occluders, Segment, blocked};
+use crate::visibility::{NO_SURFEL, Occluders, Segment, blocked, first_hit};
 
 /// Surfels around a point that is none, between which its light lies.
 const AROUND: usize = 12;
@@ -18,6 +18,11 @@ const AROUND: usize = 12;
 /// counts a quarter.
 const BENT: f32 = 0.2;
 const ASIDE: f32 = 0.3;
+/// Surfels around say whether a lamp is seen if this part of what they count agrees.
+const SURE: f32 = 0.95;
+/// Cells at an edge that a place may lie behind, and how far, in their radii.
+const AT_EDGE: usize = 3;
+const BEHIND: f32 = 0.15;
 /// Points done between two looks at whether the work should stop.
 const BLOCK: usize = 1 << 17;
 
@@ -178,23 +183,61 @@ impl Lit<'_> {
         let of_lamp = |lamp: &Lamp| {
             let to = (lamp.light.position - surfels.origin).as_vec3();
             let form = form(to - place, normal, surfels.areas[k])?;
-            let said = || around.iter().filter_map(|&(k, _)| lamp.seen_from[k]);
-            let seen = match (said().any(|seen| seen), said().all(|seen| seen)) {
-                (true, true) => true,
-                (false, false) => false,
-                _ => {
-                    let segment = Segment {
-                        from: from.to_array(),
-                        skip_from: k as u32,
-                        to: to.to_array(),
-                        skip_to: surfels.back(k).map_or(NO_SURFEL, |back| back as u32),
-                    };
-                    !self.occluders.is_some_and(|o| blocked::<f32>(o, &segment))
-                }
+            let said = |sums: [f32; 2], &(k, weight): &(usize, f32)| match lamp.seen_from[k] {
+                Some(seen) => [sums[0] + if seen { weight } else { 0.0 }, sums[1] + weight],
+                None => sums,
+            };
+            let [seen, all] = around.iter().fold([0.0; 2], said);
+            let seen = match (seen >= SURE * all, seen <= (1.0 - SURE) * all) {
+                (true, false) => true,
+                (false, true) => false,
+                _ => self.sees(k, from, to),
             };
             seen.then(|| lamp.light.intensity.as_dvec3() * f64::from(form))
         };
         self.lamps.iter().filter_map(of_lamp).sum()
+    }
+}
+
+impl Lit<'_> {
+    /// Whether a lamp is seen from a place on surfel k. What lies in the way is not in it where the place is on that
+    /// as well, next to an edge.
+    fn sees(&self, k: usize, from: Vec3, to: Vec3) -> bool {
+        let Some(occluders) = self.occluders else {
+            return true;
+        };
+        let surfels = self.surfels;
+        let mut segment = Segment {
+            from: from.to_array(),
+            skip_from: k as u32,
+            to: to.to_array(),
+            skip_to: surfels.back(k).map_or(NO_SURFEL, |back| back as u32),
+        };
+        if !blocked::<f32>(occluders, &segment) {
+            return true;
+        }
+        let way = (to - from).normalize_or_zero();
+        for _ in 0..AT_EDGE {
+            let Some(hit) = first_hit::<f32>(occluders, &segment) else {
+                return true;
+            };
+            let j = hit.surfel as usize;
+            let size = (surfels.areas[j] / PI).sqrt();
+            let height = surfels.normals[j].dot(from - surfels.positions[j]);
+            if height.abs() > BEHIND * size {
+                return false;
+            }
+            // Beyond it.
+            let cos = surfels.normals[j].dot(way);
+            let start = Vec3::from(segment.from);
+            let there = surfels.normals[j].dot(surfels.positions[j] - start) / cos;
+            if !(0.0..size).contains(&there) {
+                return false;
+            }
+            segment.from = (start + (there + BEHIND * size) * way).to_array();
+            segment.skip_from = hit.surfel;
+        }
+        false
     }
 }
 
