@@ -315,16 +315,31 @@ impl Cover<'_> {
         if on.len() <= AT_LEAST || !is_around(&plane, around, size) {
             return None;
         }
-        let covered = on.iter().filter(|&&k| near[k].1 <= size * size);
+        let covered: Vec<u32> = (on.iter())
+            .filter(|&&k| near[k].1 <= size * size)
+            .map(|&k| near[k].0)
+            .collect();
         let patch = Patch {
             sample: i as u32,
-            position: plane.centre,
+            position: match next.flat {
+                true => self.middle(&plane, place, &covered),
+                false => plane.centre,
+            },
             normal: plane.normal,
             size,
             spacing: self.scale.spacing[i],
             ..*next
         };
-        Some((patch, covered.map(|&k| near[k].0).collect()))
+        Some((patch, covered))
+    }
+
+    /// The middle of samples on a plane: a sample at an edge stands for what lies on one side of it.
+    fn middle(&self, plane: &Plane, place: Vec3, samples: &[u32]) -> Vec3 {
+        let places = samples
+            .iter()
+            .map(|&k| self.samples.positions[k as usize] - place);
+        let middle = places.sum::<Vec3>() / samples.len().max(1) as f32;
+        place + middle - plane.height(place + middle) * plane.normal
     }
 
     /// The patch at a sample and the samples that it covers; `None` where the sample is on no surface, or if a
@@ -460,7 +475,11 @@ impl Cover<'_> {
                     _ => around.off(&plane, k) <= 1.0,
                 })
             };
-            let covered = within().map(|k| near[k].0).collect();
+            let covered: Vec<u32> = within().map(|k| near[k].0).collect();
+            let position = match flat && !whole {
+                true => self.middle(&plane.moved(place), place, &covered),
+                false => position,
+            };
             let squares = within().map(|k| plane.height(places[k]).powi(2));
             let mean = squares.sum::<f32>() / within().count().max(1) as f32;
             let (colour, mottled) = samples.mean_colour(within().map(|k| near[k].0));

@@ -117,7 +117,7 @@ impl Owners {
             // The plane itself knows as much as its points around do.
             let up_by = up / (count + AS_SURE) * patch.normal;
             patch.position += match patch.flat {
-                true => up_by + (sum - up * patch.normal) / f32::max(count, 1.0),
+                true => up_by + (sum - up * patch.normal) / (count + FEW),
                 false => up_by,
             };
         }
@@ -209,5 +209,7 @@ impl Extents {
     }
 }
 
+/// Fewer points than this do not tell the middle of a surfel.
+const FEW: f32 = 3.0;
 /// Points that a plane by itself counts for.
 const AS_SURE: f32 = 6.0;

@@ -91,6 +91,14 @@ impl Plane {
         self.normal.dot(place - self.centre)
     }
 
+    /// The same plane, where all places are moved.
+    pub fn moved(self, by: Vec3) -> Plane {
+        Plane {
+            centre: self.centre + by,
+            ..self
+        }
+    }
+
     /// Whether its points are spread in two directions.
     pub fn is_wide(&self) -> bool {
         self.along[0] > LINE * self.along[1]
