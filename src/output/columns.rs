@@ -255,9 +255,8 @@ impl<'a> Origin<'a> {
         self.names = (given.iter())
             .map(|name| match format {
                 Format::Ply if !is_ply => {
-                    let name: String = (name.chars())
-                        .map(|c| if c.is_whitespace() { '_' } else { c })
-                        .collect();
+                    let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
+                    let name = name.replace(|c| !is_plain(c), "_");
                     Some(format!("scalar_{}", name.trim_start_matches("scalar_")))
                 }
                 Format::Las | Format::Laz => Some(name.trim_start_matches("scalar_").to_owned()),
@@ -273,7 +272,8 @@ impl<'a> Origin<'a> {
         call(colour, COLOUR);
         call(place, PLACE);
         // A place that is kept has the digits of the file: in the output's own way it is shorter.
-        let keeps_place = !source.moved && (is_ply || format == Format::Csv);
+        let is_las = matches!(format, Format::Las | Format::Laz);
+        let keeps_place = !source.moved && !is_las && (is_ply || format == Format::Csv);
         for column in place.into_iter().flatten().filter(|_| !keeps_place) {
             self.names[column] = None;
         }

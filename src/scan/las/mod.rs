@@ -12,7 +12,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::colours::Stored;
-use super::fields::judge_colours;
+use super::fields::{ORIGINAL, judge_colours};
 use super::{ReadOptions, Scan, names};
 use crate::error::{Error, Result};
 use crate::points::{DEFAULT_REFLECTANCE, PointCloud};
@@ -43,6 +43,7 @@ pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Resu
     let normals = record
         .normal
         .map(|axes| axes.map(|extra| extra.name.as_str()).join(" "));
+    let has_original = record.original.is_some();
     let mut points = Points::default();
     las.each(
         &header,
@@ -63,8 +64,12 @@ pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Resu
     let colours = &mut points.colours;
     let how = judge_colours(colours, Stored::Whole, options.colours, &mut repairs);
     let normals = normals.map_or(String::new(), |names| format!("; normals {names}"));
+    let names = match has_original {
+        true => ORIGINAL.join(" "),
+        false => "red green blue".to_owned(),
+    };
     let colours = match how {
-        Some(how) => format!("colours red green blue: {how}"),
+        Some(how) => format!("colours {names}: {how}"),
         None => format!("no colours: reflectance {DEFAULT_REFLECTANCE}"),
     };
     let taken = format!("place x y z{normals}; {colours}");
@@ -131,6 +136,8 @@ struct Record<'a> {
     withheld: (usize, u8),
     keep_flagged: bool,
     normal: Option<[&'a Extra; 3]>,
+    /// The colour that another one was painted over.
+    original: Option<[&'a Extra; 3]>,
 }
 
 /// Points in the order of the file; without colours if the format has none.
@@ -148,6 +155,10 @@ impl<'a> Record<'a> {
         let fixed = if format.is_extended { 22 } else { 20 };
         let time = if format.has_gps_time { 8 } else { 0 };
         let names: Vec<&str> = header.extra.iter().map(Extra::known_name).collect();
+        let three = |meanings: [&str; 3]| match meanings.map(|m| names::find(&names, m)) {
+            [Some(a), Some(b), Some(c)] => Some([a, b, c].map(|i| &header.extra[i])),
+            _ => None,
+        };
         Record {
             stride: header.stride,
             scale: header.grid.scale,
@@ -162,10 +173,8 @@ impl<'a> Record<'a> {
                 false => (15, 0x80),
             },
             keep_flagged,
-            normal: match ["nx", "ny", "nz"].map(|axis| names::find(&names, axis)) {
-                [Some(x), Some(y), Some(z)] => Some([x, y, z].map(|i| &header.extra[i])),
-                _ => None,
-            },
+            normal: three(["nx", "ny", "nz"]),
+            original: three(ORIGINAL),
         }
     }
 
@@ -187,7 +196,10 @@ impl<'a> Record<'a> {
             let normal = |row| Vec3::from(axes.map(|axis| axis.value(row) as f32));
             points.normals.extend(rows.clone().map(normal));
         }
-        if let Some(colour) = self.colour {
+        if let Some(bands) = self.original {
+            let colour = |row| Vec3::from(bands.map(|band| band.value(row) as f32));
+            points.colours.extend(rows.map(colour));
+        } else if let Some(colour) = self.colour {
             points.colours.extend(rows.map(|row| {
                 let level = |at| u16::from_le_bytes([row[colour + at], row[colour + at + 1]]);
                 Vec3::from([0, 2, 4].map(|at| f32::from(level(at))))
