@@ -16,7 +16,7 @@ fn endings_say_the_format() {
         ("lit.ply", "ply\n"),
         ("lit.las", "LASF"),
         ("lit.laz", "LASF"),
-        ("lit.csv", "x,y,z,nx,ny,nz,red"),
+        ("lit.csv", "x,y,z,nx,ny,nz,area,red"),
         ("lit.npy", "NUMPY"),
     ] {
         run(

@@ -61,10 +61,7 @@ impl Folder {
 
     /// Lights files together; the path of the output, and what was said.
     fn lit(&self, inputs: &[&Path], name: &str, paint: Option<Paint>) -> (PathBuf, String) {
-        let options = SceneOptions {
-            far_apart: true,
-            ..SceneOptions::default()
-        };
+        let options = SceneOptions::default();
         let scene = Scene::load_all(inputs, &options, &Silent).unwrap();
         let (path, notes) = (self.path(name), Notes::default());
         let map = light(scene.cloud.len());
@@ -584,9 +581,21 @@ fn formats_hold_what_others_have() {
         assert_eq!(u16::from_le_bytes([bytes[1], bytes[2]]), row[7] as u16);
     }
     // Files of two formats: what both have is one column.
-    let (path, notes) = folder.lit(&[&ply, &las], "both.csv", None);
-    assert!(notes.contains("has no label"), "{notes}");
-    assert_eq!(fs::read_to_string(&path).unwrap().lines().count(), 151);
+    let text = folder.text("t.csv", "x,y,z,intensity,what\n1001,2001,0,7.5,wall\n");
+    let (path, notes) = folder.lit(&[&las, &text], "both.csv", None);
+    assert!(notes.contains("a.laz: has no what"), "{notes}");
+    let csv = fs::read_to_string(&path).unwrap();
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows.len(), 102);
+    let of = |row: usize, name: &str| {
+        rows[row][rows[0].iter().position(|other| *other == name).unwrap()]
+    };
+    assert_eq!(of(4, "intensity"), points[3].intensity.to_string());
+    assert_eq!((of(101, "intensity"), of(101, "what")), ("7.5", "wall"));
+    assert_eq!(
+        (of(101, "x"), of(101, "user_data"), of(4, "what")),
+        ("1001", "", "")
+    );
 }
 
 #[test]

@@ -228,10 +228,8 @@ impl<'a> Origin<'a> {
                 origin.attributes = Some(attributes);
             }
             Ok(None) => {
-                let is_new = |name: &&String| !is_geometry(name) && !is_colour(name);
-                let lost: Vec<&str> = (source.fields.iter().filter(is_new))
-                    .map(String::as_str)
-                    .collect();
+                let fields = source.fields.iter().map(String::as_str);
+                let lost: Vec<&str> = fields.filter(|name| !is_in_cloud(name)).collect();
                 if !lost.is_empty() {
                     note(format!("{path}: left out: {}", lost.join(", ")));
                 }
@@ -308,12 +306,15 @@ impl<'a> Origin<'a> {
         self.names[column] = name.filter(|name| !self.has(name));
     }
 
-    /// Renames what has the name of a column of the output.
+    /// Renames what has the name of a column of the output; places are those of the cloud.
     fn give_way(&mut self, added: &[Column]) {
         for column in 0..self.names.len() {
             let name = self.names[column].as_deref();
-            if added.iter().any(|other| Some(other.name.as_str()) == name) {
-                self.rename(column);
+            let same = added.iter().find(|other| Some(other.name.as_str()) == name);
+            match same.map(|other| other.value) {
+                None => {}
+                Some(Value::Position(_)) => self.names[column] = None,
+                Some(_) => self.rename(column),
             }
         }
     }
@@ -433,6 +434,12 @@ pub fn is_light(name: &str) -> bool {
     LIGHT.iter().any(|(light, _)| *light == name)
 }
 
-fn is_colour(name: &str) -> bool {
-    names::meaning(name).is_some_and(|meaning| COLOUR.contains(&meaning))
+/// Whether a cloud holds what files have under this name.
+fn is_in_cloud(name: &str) -> bool {
+    let is_colour = |meaning: &str| meaning == "rgb" || COLOUR.contains(&meaning);
+    // The coordinates of E57, and whether they are valid.
+    let is_place = ["cartesian", "spherical"]
+        .iter()
+        .any(|kind| name.starts_with(kind));
+    is_place || is_geometry(name) || names::meaning(name).is_some_and(is_colour)
 }
