@@ -65,3 +65,37 @@ fn other_endings_are_refused_before_the_work() {
         "must end with .ply",
     );
 }
+
+#[test]
+fn colours_are_painted_as_asked() {
+    let folder = folder();
+    let text =
+        "x y z red green blue intensity\n0 0 0 255 0 0 7\n1 0 0 0 255 0 8\n0 1 0 0 0 255 9\n";
+    fs::write(folder.path().join("scan.txt"), text).unwrap();
+    for (args, header) in [
+        (
+            "",
+            "x,y,z,original_red,original_green,original_blue,intensity,nx",
+        ),
+        (
+            "--paint irradiance",
+            "x,y,z,original_red,original_green,original_blue,intensity,nx",
+        ),
+        ("--paint keep", "x,y,z,red,green,blue,intensity,nx"),
+    ] {
+        run(
+            folder.path(),
+            &format!("solve scan.txt --sky 1,1,1 --backend cpu --solver-error -o lit.csv {args}"),
+        )
+        .success();
+        let csv = fs::read_to_string(folder.path().join("lit.csv")).unwrap();
+        let lines: Vec<&str> = csv.lines().collect();
+        assert!(lines[0].starts_with(header), "{args}: {}", lines[0]);
+        assert!(
+            lines[2].starts_with("1,0,0,0,255,0,8,"),
+            "{args}: {}",
+            lines[2]
+        );
+    }
+    fails(&folder, "solve scan.txt --paint lit", 2, "--output");
+}

@@ -599,6 +599,51 @@ fn formats_hold_what_others_have() {
 }
 
 #[test]
+fn moved_and_sampled_points_keep_what_is_still_true() {
+    let folder = Folder::new();
+    let las = folder.path("a.laz");
+    let points = las_file(&las, 1, 60);
+    ply_file(&folder, "ascii", 20);
+    let scene = folder.text(
+        "scene.toml",
+        "points = 30\n[[shape]]\nsphere = { centre = [0, 0, 0], radius = 1 }\n\
+         [[cloud]]\nfile = 'a.laz'\ntranslate = [-1000, -2000, 0]\n",
+    );
+    let (path, _) = folder.lit(&[&scene], "s.ply", None);
+    let vertices = &ply_back(&path).payload["vertex"];
+    assert_eq!(vertices.len(), 90);
+    for (vertex, point) in vertices[30..].iter().zip(&points) {
+        let of = |name: &str| number(&vertex[name]);
+        assert!((of("x") - (point.x - 1000.0)).abs() < 1e-4);
+        assert_eq!(of("scalar_gps_time"), point.gps_time.unwrap());
+        assert_eq!(of("scalar_intensity"), f64::from(point.intensity));
+    }
+    // Points on shapes have none.
+    assert!(number(&vertices[0]["scalar_gps_time"]).is_nan());
+    assert_eq!(number(&vertices[0]["scalar_intensity"]), 0.0);
+
+    let scene = folder.text(
+        "turned.toml",
+        "[[cloud]]\nfile = 'ascii.ply'\nrotate = [90, 0, 0]\n",
+    );
+    let (path, _) = folder.lit(&[&scene], "t.ply", Some(Paint::Keep));
+    for (i, vertex) in ply_back(&path).payload["vertex"].iter().enumerate() {
+        let of = |name: &str| number(&vertex[name]);
+        let row = ply_row(i);
+        assert!((of("y") + row[5]).abs() < 1e-6 && (of("z") - row[3]).abs() < 1e-6);
+        assert!((of("ny") + 0.8).abs() < 1e-6 && (of("nz") - 0.6).abs() < 1e-6);
+        assert_eq!((of("red"), of("id")), (row[0], row[9]));
+    }
+    let scene = folder.text("moved.toml", "[[cloud]]\nfile = 'a.laz'\nscale = 2\n");
+    let (path, _) = folder.lit(&[&scene], "m.laz", None);
+    for (back, point) in las_back(&path).1.iter().zip(&points) {
+        assert!((back.x - 2.0 * point.x).abs() < 1e-4);
+        assert_eq!(back.gps_time, point.gps_time);
+        assert_eq!(back.extra_bytes[..KEPT], point.extra_bytes[..KEPT]);
+    }
+}
+
+#[test]
 fn a_file_that_has_changed_is_told() {
     let folder = Folder::new();
     let input = folder.path("a.las");

@@ -140,14 +140,16 @@ impl Attributes {
                 taken
             }
             File::Las(las) => {
-                let mut rows = Vec::new();
+                let stride = las.header.stride;
                 las.copy(&mut |bytes| {
-                    rows.clear();
-                    let stride = las.header.stride;
-                    for point in bytes.chunks_exact(stride) {
-                        las_row(&las, point, &mut rows);
-                    }
-                    take(Block::Rows(&rows))
+                    let parts = bytes.par_chunks(stride * GRAIN).map(|points| {
+                        let mut rows = Vec::new();
+                        for point in points.chunks_exact(stride) {
+                            las_row(&las, point, &mut rows);
+                        }
+                        rows
+                    });
+                    take(Block::Rows(&parts.collect::<Vec<_>>().concat()))
                 })
             }
             File::Text(text, None) => text.read(&mut |lines| take(Block::Lines(&text, lines))),
