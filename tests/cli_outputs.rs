@@ -69,19 +69,22 @@ fn other_endings_are_refused_before_the_work() {
 #[test]
 fn colours_are_painted_as_asked() {
     let folder = folder();
-    let text =
-        "x y z red green blue intensity\n0 0 0 255 0 0 7\n1 0 0 0 255 0 8\n0 1 0 0 0 255 9\n";
+    let text = "x y z nx ny nz red green blue intensity\n0 0 0 0 0 1 255 0 0 7\n\
+                1 0 0 0 0 1 0 255 0 8\n0 1 0 0 0 1 0 0 255 9\n1 1 0 0 0 1 9 9 9 10\n";
     fs::write(folder.path().join("scan.txt"), text).unwrap();
     for (args, header) in [
         (
             "",
-            "x,y,z,original_red,original_green,original_blue,intensity,nx",
+            "x,y,z,nx,ny,nz,original_red,original_green,original_blue,intensity,red",
         ),
         (
             "--paint irradiance",
-            "x,y,z,original_red,original_green,original_blue,intensity,nx",
+            "x,y,z,nx,ny,nz,original_red,original_green,original_blue,intensity,red",
         ),
-        ("--paint keep", "x,y,z,red,green,blue,intensity,nx"),
+        (
+            "--paint keep",
+            "x,y,z,nx,ny,nz,red,green,blue,intensity,radius",
+        ),
     ] {
         run(
             folder.path(),
@@ -92,7 +95,7 @@ fn colours_are_painted_as_asked() {
         let lines: Vec<&str> = csv.lines().collect();
         assert!(lines[0].starts_with(header), "{args}: {}", lines[0]);
         assert!(
-            lines[2].starts_with("1,0,0,0,255,0,8,"),
+            lines[2].starts_with("1,0,0,0,0,1,0,255,0,8,"),
             "{args}: {}",
             lines[2]
         );

@@ -69,10 +69,15 @@ struct Origin<'a> {
 
 /// Some points that follow one another, with what their file has of them.
 pub struct Rows<'a> {
+    pub lit: &'a Lit<'a>,
+    pub columns: &'a [Column],
     pub begin: usize,
     pub count: usize,
-    kept: Option<(&'a Block<'a>, &'a [Option<usize>])>,
+    kept: Option<(&'a Block<'a>, Slots<'a>)>,
 }
+
+/// Where kept columns are in the rows of a file.
+type Slots<'a> = &'a [Option<usize>];
 
 impl<'a> Columns<'a> {
     /// What the cloud has, alone.
@@ -122,14 +127,25 @@ impl<'a> Columns<'a> {
     }
 
     /// Hands all points to `take` in order, block by block, with what their files have of them.
-    pub fn read(self, take: &mut dyn FnMut(&Lit, &[Column], Rows) -> Result<()>) -> Result<()> {
-        let (lit, all) = (&self.lit, &self.all[..]);
+    pub fn read(self, take: &mut dyn FnMut(Rows) -> Result<()>) -> Result<()> {
+        let whole = Rows {
+            lit: &self.lit,
+            columns: &self.all,
+            begin: 0,
+            count: self.lit.len(),
+            kept: None,
+        };
         if self.origins.is_empty() {
-            return cloud_alone(0..lit.len(), &mut |rows| take(lit, all, rows));
+            return whole.in_blocks(take);
         }
         for origin in self.origins {
             let Some(attributes) = origin.attributes else {
-                cloud_alone(origin.points, &mut |rows| take(lit, all, rows))?;
+                let rows = Rows {
+                    begin: origin.points.start,
+                    count: origin.points.len(),
+                    ..whole
+                };
+                rows.in_blocks(take)?;
                 continue;
             };
             let changed = || Error::input(origin.path, "has changed since it was read");
@@ -147,9 +163,10 @@ impl<'a> Columns<'a> {
                     begin,
                     count,
                     kept: Some((&block, &origin.slots)),
+                    ..whole
                 };
                 begin += count;
-                take(lit, all, rows)
+                take(rows)
             })?;
             if begin != origin.points.end {
                 return Err(changed());
@@ -159,22 +176,24 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// Blocks of points of which no file has more.
-fn cloud_alone(points: Range<usize>, take: &mut dyn FnMut(Rows) -> Result<()>) -> Result<()> {
-    for begin in points.clone().step_by(BLOCK) {
-        take(Rows {
-            begin,
-            count: BLOCK.min(points.end - begin),
-            kept: None,
-        })?;
-    }
-    Ok(())
-}
-
 impl Rows<'_> {
+    /// Parts points of which no file has more.
+    fn in_blocks(&self, take: &mut dyn FnMut(Rows) -> Result<()>) -> Result<()> {
+        let end = self.begin + self.count;
+        for begin in (self.begin..end).step_by(BLOCK) {
+            take(Rows {
+                begin,
+                count: BLOCK.min(end - begin),
+                ..*self
+            })?;
+        }
+        Ok(())
+    }
+
     /// A number of the `k`-th point; `None` where its file has none.
-    pub fn value(&self, lit: &Lit, column: &Column, k: usize) -> Option<f64> {
+    pub fn value(&self, column: &Column, k: usize) -> Option<f64> {
         let i = self.begin + k;
+        let lit = self.lit;
         let map = lit.map;
         Some(match column.value {
             Value::Position(axis) => lit.cloud.positions[i][axis],
@@ -196,7 +215,7 @@ impl Rows<'_> {
     }
 
     /// What the file of the `k`-th point has in its columns, if it is a text; and where a kept column is.
-    pub fn cells(&self, k: usize) -> Option<(Vec<&[u8]>, &[Option<usize>])> {
+    pub fn cells(&self, k: usize) -> Option<(Vec<&[u8]>, Slots<'_>)> {
         match self.kept? {
             (Block::Lines(text, lines), slots) => Some((text.cells(lines[k]).collect(), slots)),
             _ => None,

@@ -7,7 +7,7 @@ use std::path::Path;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::columns::{Column, Columns, Rows, Value};
+use super::columns::{Columns, Rows, Value};
 use super::rows::{GRAIN, Lit, Paint};
 use super::{Format, write_atomic};
 use crate::error::{Error, Result};
@@ -42,14 +42,14 @@ pub fn write_columns(path: &Path, columns: Columns) -> Result<()> {
     end_line(&mut header);
     write_atomic(path, |writer| {
         writer.write_all(header.as_bytes())?;
-        let written = columns.read(&mut |lit, all, rows| {
+        let written = columns.read(&mut |rows| {
             let texts: Vec<String> = (0..rows.count)
                 .into_par_iter()
                 .step_by(GRAIN)
                 .map(|begin| {
                     let mut text = String::new();
                     for k in begin..rows.count.min(begin + GRAIN) {
-                        put_line(&mut text, &digits, lit, all, &rows, k);
+                        put_line(&mut text, &digits, &rows, k);
                     }
                     text
                 })
@@ -63,21 +63,14 @@ pub fn write_columns(path: &Path, columns: Columns) -> Result<()> {
     })
 }
 
-fn put_line(
-    text: &mut String,
-    digits: &Digits,
-    lit: &Lit,
-    columns: &[Column],
-    rows: &Rows,
-    k: usize,
-) {
+fn put_line(text: &mut String, digits: &Digits, rows: &Rows, k: usize) {
     let cells = rows.cells(k);
-    for column in columns {
+    for column in rows.columns {
         let cell = match (column.value, &cells) {
             (Value::Kept(at), Some((cells, slots))) => slots[at].map(|slot| cells[slot]),
             _ => None,
         };
-        match (cell, rows.value(lit, column, k)) {
+        match (cell, rows.value(column, k)) {
             (Some(cell), _) => put_cell(text, cell),
             (None, None) => text.push(','),
             (None, Some(x)) => match (column.value, column.kind) {

@@ -72,11 +72,11 @@ pub fn write_columns(path: &Path, columns: Columns, compressed: bool) -> Result<
     let bytes: usize = extra.iter().map(|column| column.kind.size()).sum();
     places.describe(&mut builder);
     write(path, builder, compressed, &descriptions, bytes, |write| {
-        columns.read(&mut |lit, _, rows| {
+        columns.read(&mut |rows| {
             let stride = FIXED + bytes;
             let mut points = vec![0; rows.count * stride];
             fill_rows(&mut points, stride, |row, k| {
-                let is_known = places.put(row, lit.cloud.positions[rows.begin + k]);
+                let is_known = places.put(row, rows.lit.cloud.positions[rows.begin + k]);
                 let intensity = [0, 0];
                 row.put(&intensity);
                 row.put(&[ONE_RETURN, if is_known { 0 } else { WITHHELD }]);
@@ -84,14 +84,14 @@ pub fn write_columns(path: &Path, columns: Columns, compressed: bool) -> Result<
                 row.put(&[scan_angle, user_data]);
                 row.put(&source);
                 for column in &colour {
-                    let value = column.as_ref().and_then(|c| rows.value(lit, c, k));
+                    let value = column.as_ref().and_then(|c| rows.value(c, k));
                     let value = value.unwrap_or(0.0) as u16;
                     let is_byte = column.as_ref().is_some_and(|c| c.kind == Kind::U8);
                     let value = if is_byte { value * 257 } else { value };
                     row.put(&value.to_le_bytes());
                 }
                 for column in &extra {
-                    row.number(column.kind, rows.value(lit, column, k));
+                    row.number(column.kind, rows.value(column, k));
                 }
             });
             write(points)

@@ -46,12 +46,12 @@ pub fn write_columns(path: &Path, columns: Columns) -> Result<()> {
     write_atomic(path, |writer| {
         writer.write_all(header.as_bytes())?;
         let mut bytes = Vec::new();
-        let written = columns.read(&mut |lit, all, rows| {
+        let written = columns.read(&mut |rows| {
             bytes.clear();
             bytes.resize(rows.count * stride, 0);
             fill_rows(&mut bytes, stride, |row, k| {
-                for column in all {
-                    row.number(column.kind, rows.value(lit, column, k));
+                for column in rows.columns {
+                    row.number(column.kind, rows.value(column, k));
                 }
             });
             writer

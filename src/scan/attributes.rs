@@ -78,7 +78,7 @@ pub(crate) struct Attributes {
 
 enum File {
     Ply(PlyFile, Vec<usize>),
-    Las(LasFile),
+    Las(Box<LasFile>),
     /// With the places of the columns in rows, if these are numbers.
     Text(TextFile, Option<Vec<Option<usize>>>),
 }
@@ -270,7 +270,7 @@ fn of_las(las: LasFile) -> Attributes {
     Attributes {
         all,
         lost,
-        file: File::Las(las),
+        file: File::Las(Box::new(las)),
     }
 }
 

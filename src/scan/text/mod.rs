@@ -150,7 +150,7 @@ impl TextFile {
     pub fn read(&self, take: &mut dyn FnMut(&[&[u8]]) -> Result<()>) -> Result<()> {
         let mut lines = Lines::open(&self.path, &Silent)?;
         points(&self.path, &mut lines, &self.table, &mut |lines, most| {
-            lines.blocks(most, &mut |_, _, lines| take(lines))
+            lines.blocks(most, &mut |block| take(block.lines))
         })?;
         Ok(())
     }
