@@ -16,7 +16,7 @@ fn endings_say_the_format() {
         ("lit.ply", "ply\n"),
         ("lit.las", "LASF"),
         ("lit.laz", "LASF"),
-        ("lit.csv", "x,y,z,nx,ny,nz,red"),
+        ("lit.csv", "x,y,z,nx,ny,nz,area,red"),
         ("lit.npy", "NUMPY"),
     ] {
         run(
@@ -64,4 +64,41 @@ fn other_endings_are_refused_before_the_work() {
         2,
         "must end with .ply",
     );
+}
+
+#[test]
+fn colours_are_painted_as_asked() {
+    let folder = folder();
+    let text = "x y z nx ny nz red green blue intensity\n0 0 0 0 0 1 255 0 0 7\n\
+                1 0 0 0 0 1 0 255 0 8\n0 1 0 0 0 1 0 0 255 9\n1 1 0 0 0 1 9 9 9 10\n";
+    fs::write(folder.path().join("scan.txt"), text).unwrap();
+    for (args, header) in [
+        (
+            "",
+            "x,y,z,nx,ny,nz,original_red,original_green,original_blue,intensity,red",
+        ),
+        (
+            "--paint irradiance",
+            "x,y,z,nx,ny,nz,original_red,original_green,original_blue,intensity,red",
+        ),
+        (
+            "--paint keep",
+            "x,y,z,nx,ny,nz,red,green,blue,intensity,radius",
+        ),
+    ] {
+        run(
+            folder.path(),
+            &format!("solve scan.txt --sky 1,1,1 --backend cpu --solver-error -o lit.csv {args}"),
+        )
+        .success();
+        let csv = fs::read_to_string(folder.path().join("lit.csv")).unwrap();
+        let lines: Vec<&str> = csv.lines().collect();
+        assert!(lines[0].starts_with(header), "{args}: {}", lines[0]);
+        assert!(
+            lines[2].starts_with("1,0,0,0,0,1,0,255,0,8,"),
+            "{args}: {}",
+            lines[2]
+        );
+    }
+    fails(&folder, "solve scan.txt --paint lit", 2, "--output");
 }

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use clap::ValueEnum;
 use fmmgi_gpu::illuminate::checks::Checks;
 use fmmgi_gpu::illuminate::surface_error;
-use fmmgi_gpu::output::{self, Format, write_atomic, write_stats};
+use fmmgi_gpu::output::{self, Format, Paint, write_atomic, write_stats};
 use fmmgi_gpu::scene::PointLight;
 use fmmgi_gpu::{
     Checkpoint, Error, IlluminationMap, Method, Progress, Result, Scene, Stats, Transport, memory,
@@ -29,6 +30,9 @@ pub struct Args {
     /// Write the points with their light: .ply, .laz, .las, .csv or .npy
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
+    /// What the colours of the points that are written are: by default keep in LAS and LAZ, lit in other formats
+    #[arg(long, requires = "output")]
+    paint: Option<PaintArg>,
     /// Write a picture
     #[arg(long, value_name = "OUT.png")]
     image: Option<PathBuf>,
@@ -57,6 +61,26 @@ pub struct Args {
     /// Print nothing but errors
     #[arg(long)]
     quiet: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum PaintArg {
+    /// The light that leaves them, as a display shows it; original_red... are those of the input
+    Lit,
+    /// The light that arrives, as a display shows it; original_red... are those of the input
+    Irradiance,
+    /// Those of the input
+    Keep,
+}
+
+impl From<PaintArg> for Paint {
+    fn from(arg: PaintArg) -> Self {
+        match arg {
+            PaintArg::Lit => Paint::Lit,
+            PaintArg::Irradiance => Paint::Irradiance,
+            PaintArg::Keep => Paint::Keep,
+        }
+    }
 }
 
 pub fn run(args: &Args) -> Result<Done> {
@@ -138,7 +162,8 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
 
     let written = Instant::now();
     if let Some(path) = &args.output {
-        output::write(path, &scene.cloud, &result.map)?;
+        let paint = args.paint.map(Paint::from);
+        output::write_scene(path, &scene, &result.map, paint, &progress)?;
     }
     if let (Some(path), Some(png)) = (&args.image, png) {
         write_atomic(path, |writer| writer.write_all(&png))?;

@@ -26,7 +26,15 @@ pub fn write_atomic(
             .and_then(|stream| buffered(stream, write)),
         Target::File(target) => whole(&target, |file| buffered(file, write)),
     }
-    .map_err(|e| Error::io(path, "cannot be written", e))
+    .map_err(|e| failed(path, e))
+}
+
+/// The error of writing to a file, or that of an input from which it is written.
+fn failed(path: &Path, error: io::Error) -> Error {
+    match error.downcast::<Error>() {
+        Ok(error) => error,
+        Err(error) => Error::io(path, "cannot be written", error),
+    }
 }
 
 /// As [`write_atomic`], for what has to go back in its file, and so only to files.
@@ -36,9 +44,7 @@ pub fn write_atomic_file(path: &Path, write: impl FnOnce(&File) -> io::Result<()
             path,
             "is no regular file, which this format needs",
         )),
-        Target::File(target) => {
-            whole(&target, write).map_err(|e| Error::io(path, "cannot be written", e))
-        }
+        Target::File(target) => whole(&target, write).map_err(|e| failed(path, e)),
     }
 }
 

@@ -1,8 +1,10 @@
 //! Results to files. A file appears under its name only when it is complete.
 
 mod atomic;
+mod columns;
 mod csv;
 mod las;
+mod las_copy;
 mod npy;
 mod ply;
 mod rows;
@@ -17,11 +19,17 @@ pub use las::write_las;
 pub use npy::write_npy;
 pub use ply::{needs_double, write_painted, write_ply};
 use rayon::prelude::*;
+pub use rows::Paint;
 
 use crate::error::{Error, Result};
 use crate::illuminate::stats::Stats;
 use crate::map::IlluminationMap;
 use crate::points::PointCloud;
+use crate::progress::Progress;
+use crate::scene::Scene;
+use columns::Columns;
+use las_copy::LasCopy;
+use rows::Lit;
 
 /// A kind of file for points with their light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,6 +80,48 @@ pub fn write(path: &Path, cloud: &PointCloud, map: &IlluminationMap) -> Result<(
         Format::Laz => write_las(path, cloud, map, true),
         Format::Csv => write_csv(path, cloud, map),
         Format::Npy => write_npy(path, cloud, map),
+    }
+}
+
+/// Writes the lit points of a scene as [`write`] does, with all that the files they are from say of them: these
+/// are read once more, block by block.
+///
+/// LAS and LAZ inputs to LAS or LAZ keep their point format, all fields and all extra bytes; the light comes in
+/// extra dimensions. PLY, text, LAS and LAZ keep their columns in PLY, CSV, LAS and LAZ; what the output has
+/// under the same name is kept as `original_NAME`, and older light is replaced. `paint` says what the colours
+/// are; `None` keeps those of the input in LAS and LAZ, and paints the lit ones in other formats. What is left
+/// out goes to `progress` as notes.
+///
+/// # Errors
+/// As [`write`]; also [`Error::Input`] and [`Error::Io`] if a file that was read before has changed since.
+pub fn write_scene(
+    path: &Path,
+    scene: &Scene,
+    map: &IlluminationMap,
+    paint: Option<Paint>,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let format = Format::of(path)?;
+    let is_las = matches!(format, Format::Las | Format::Laz);
+    let paint = paint.unwrap_or(if is_las { Paint::Keep } else { Paint::Lit });
+    let lit = Lit::new(&scene.cloud, map, paint)?;
+    let note = |line: String| progress.note(&line);
+    if format == Format::Npy {
+        note(format!(
+            "{}: has the light alone, and nothing else of the input",
+            path.display()
+        ));
+        return npy::write_lit(path, lit);
+    }
+    let compressed = format == Format::Laz;
+    if is_las && let Some(copy) = LasCopy::of_scene(lit, scene, &note) {
+        return copy.write(path, compressed);
+    }
+    let columns = Columns::of_scene(lit, scene, format, &note);
+    match format {
+        Format::Ply => ply::write_columns(path, columns),
+        Format::Csv => csv::write_columns(path, columns),
+        _ => las::write_columns(path, columns, compressed),
     }
 }
 

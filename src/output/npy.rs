@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::rows::{LIT, Lit, write_rows};
+use super::rows::{LIT, Lit, Paint, write_rows};
 use crate::error::Result;
 use crate::map::IlluminationMap;
 use crate::points::PointCloud;
@@ -24,10 +24,14 @@ const STRIDE: usize = 24 + LIT;
 /// [`Error::Invalid`](crate::Error::Invalid) if cloud and map differ in length,
 /// [`Error::Io`](crate::Error::Io) if writing fails.
 pub fn write_npy(path: &Path, cloud: &PointCloud, map: &IlluminationMap) -> Result<()> {
-    let lit = Lit::new(cloud, map)?;
+    write_lit(path, Lit::new(cloud, map, Paint::Lit)?)
+}
+
+/// As [`write_npy`], in other colours.
+pub fn write_lit(path: &Path, lit: Lit) -> Result<()> {
     let n = lit.len();
     write_rows(path, &header(n), n, STRIDE, |row, i| {
-        row.double_vector(cloud.positions[i]);
+        row.double_vector(lit.cloud.positions[i]);
         lit.fill(row, i);
     })
 }

@@ -1,26 +1,20 @@
 //! Lit point clouds as PLY files.
 
+use std::io;
 use std::path::Path;
 
 use glam::{DVec3, Vec3};
 
-use super::rows::{Lit, Row, write_rows};
+use super::columns::Columns;
+use super::rows::{Lit, Paint, fill_rows, write_rows};
+use super::{Format, write_atomic};
 use crate::error::{Error, Result};
 use crate::map::IlluminationMap;
 use crate::points::{Grid, PointCloud};
+use crate::scan::attributes::Kind;
 
 /// Largest rounding of a coordinate, relative to the cloud's extent, that f32 may cause.
 const MAX_ROUNDING: f64 = 1e-6;
-
-const FLOATS: [&str; 7] = [
-    "radius",
-    "scalar_irradiance_r",
-    "scalar_irradiance_g",
-    "scalar_irradiance_b",
-    "scalar_radiosity_r",
-    "scalar_radiosity_g",
-    "scalar_radiosity_b",
-];
 
 /// Writes all points of a cloud with their light, in the cloud's order, as binary little-endian
 /// PLY.
@@ -32,11 +26,55 @@ const FLOATS: [&str; 7] = [
 /// # Errors
 /// [`Error::Invalid`] if cloud and map differ in length, [`Error::Io`] if writing fails.
 pub fn write_ply(path: &Path, cloud: &PointCloud, map: &IlluminationMap) -> Result<()> {
-    let lit = Lit::new(cloud, map)?;
-    let comment = "irradiance and radiosity: linear RGB; red green blue: radiosity tone-mapped";
-    let floats = FLOATS.iter().map(|&name| ("float", name));
-    let rest: Vec<(&str, &str)> = floats.chain([("uchar", "scalar_in_transport")]).collect();
-    write(path, cloud, comment, &rest, |row, i| lit.fill(row, i))
+    let lit = Lit::new(cloud, map, Paint::Lit)?;
+    write_columns(path, Columns::plain(lit, Format::Ply))
+}
+
+/// Writes all points with the columns as their properties.
+pub fn write_columns(path: &Path, columns: Columns) -> Result<()> {
+    let colours = match columns.lit.paint {
+        Paint::Lit => "; red green blue: radiosity tone-mapped",
+        Paint::Irradiance => "; red green blue: irradiance tone-mapped",
+        Paint::Keep => "",
+    };
+    let comment = format!("irradiance and radiosity: linear RGB{colours}");
+    let properties: Vec<(&str, &str)> = (columns.all.iter())
+        .map(|column| (name_of(column.kind), column.name.as_str()))
+        .collect();
+    let header = header(columns.lit.len(), &comment, &properties);
+    let stride = columns.all.iter().map(|column| column.kind.size()).sum();
+    write_atomic(path, |writer| {
+        writer.write_all(header.as_bytes())?;
+        let mut bytes = Vec::new();
+        let written = columns.read(&mut |rows| {
+            bytes.clear();
+            bytes.resize(rows.count * stride, 0);
+            fill_rows(&mut bytes, stride, |row, k| {
+                for column in rows.columns {
+                    row.number(column.kind, rows.value(column, k));
+                }
+            });
+            writer
+                .write_all(&bytes)
+                .map_err(|e| Error::io(path, "cannot be written", e))
+        });
+        written.map_err(io::Error::other)
+    })
+}
+
+fn name_of(kind: Kind) -> &'static str {
+    match kind {
+        Kind::I8 => "char",
+        Kind::U8 => "uchar",
+        Kind::I16 => "short",
+        Kind::U16 => "ushort",
+        Kind::I32 => "int",
+        Kind::U32 => "uint",
+        Kind::I64 => "int64",
+        Kind::U64 => "uint64",
+        Kind::F32 => "float",
+        Kind::F64 => "double",
+    }
 }
 
 /// Writes all points of a cloud in other colours, with what is marked of them, in the cloud's
@@ -61,51 +99,25 @@ pub fn write_painted(
             cloud.len()
         )));
     }
-    write(path, cloud, "painted", &[("uchar", property)], |row, i| {
+    let n = cloud.len();
+    let double = cloud_needs_double(cloud);
+    let position = if double { "double" } else { "float" };
+    let properties: Vec<(&str, &str)> = (["x", "y", "z"].map(|name| (position, name)).into_iter())
+        .chain(["nx", "ny", "nz"].map(|name| ("float", name)))
+        .chain(["red", "green", "blue", property].map(|name| ("uchar", name)))
+        .collect();
+    let header = header(n, "painted", &properties);
+    let stride = if double { 24 } else { 12 } + 12 + 4;
+    write_rows(path, header.as_bytes(), n, stride, |row, i| {
+        let position = cloud.positions[i];
+        match double {
+            true => row.double_vector(position),
+            false => row.vector(position.as_vec3()),
+        }
         row.vector(cloud.normals.get(i).copied().unwrap_or(Vec3::ZERO));
         row.put(&colours[i]);
         row.put(&[u8::from(marks[i])]);
     })
-}
-
-/// Writes a point a row: `x y z nx ny nz red green blue` and the `rest`, which are types and names.
-/// `fill` fills a row from the normal on.
-fn write(
-    path: &Path,
-    cloud: &PointCloud,
-    comment: &str,
-    rest: &[(&str, &str)],
-    fill: impl Fn(&mut Row, usize) + Sync,
-) -> Result<()> {
-    let n = cloud.len();
-    let double = needs_double(&cloud.positions) || leaves_grid(cloud);
-    let position = if double { "double" } else { "float" };
-    let properties: Vec<(&str, &str)> = ["x", "y", "z"]
-        .map(|name| (position, name))
-        .into_iter()
-        .chain(["nx", "ny", "nz"].map(|name| ("float", name)))
-        .chain(["red", "green", "blue"].map(|name| ("uchar", name)))
-        .chain(rest.iter().copied())
-        .collect();
-    let header = header(n, comment, &properties);
-    let stride = properties.iter().map(|&(kind, _)| bytes_of(kind)).sum();
-    write_rows(path, header.as_bytes(), n, stride, |row, i| {
-        let position = cloud.positions[i];
-        if double {
-            row.double_vector(position);
-        } else {
-            row.vector(position.as_vec3());
-        }
-        fill(row, i);
-    })
-}
-
-fn bytes_of(kind: &str) -> usize {
-    match kind {
-        "double" => 8,
-        "float" => 4,
-        _ => 1,
-    }
 }
 
 fn header(points: usize, comment: &str, properties: &[(&str, &str)]) -> String {
@@ -129,10 +141,11 @@ pub fn needs_double(positions: &[DVec3]) -> bool {
         && (largest * 2f64.powi(-24) > MAX_ROUNDING * extent || largest > f64::from(f32::MAX))
 }
 
-/// Whether f32 would move coordinates to another place on their grid.
-fn leaves_grid(cloud: &PointCloud) -> bool {
+/// Whether f32 is not enough for the places of a cloud: see [`needs_double`], or it would move them to another
+/// place on their grid.
+pub fn cloud_needs_double(cloud: &PointCloud) -> bool {
     let (min, max) = super::finite_box(&cloud.positions);
     let rounding = min.abs().max(max.abs()) * 2f64.powi(-24);
     let moves = |grid: &Grid| rounding.cmpgt(0.5 * grid.scale.abs()).any();
-    cloud.grid.as_ref().is_some_and(moves)
+    needs_double(&cloud.positions) || cloud.grid.as_ref().is_some_and(moves)
 }

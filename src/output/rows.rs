@@ -7,10 +7,12 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::write_atomic;
+use crate::colour::linear_to_srgb;
 use crate::error::{Error, Result};
 use crate::map::IlluminationMap;
 use crate::points::PointCloud;
 use crate::render::tone;
+use crate::scan::attributes::Kind;
 
 /// Rows that are encoded and written at a time.
 pub const BLOCK: usize = 1 << 17;
@@ -28,6 +30,27 @@ impl Row<'_> {
         self.0
             .write_all(bytes)
             .expect("a row has room for its values");
+    }
+
+    /// All bytes that are not passed yet.
+    pub fn rest(&mut self) -> &mut [u8] {
+        self.0
+    }
+
+    /// Leaves bytes as they are.
+    pub fn skip(&mut self, bytes: usize) {
+        let row = std::mem::take(&mut self.0);
+        self.0 = &mut row[bytes..];
+    }
+
+    /// A number of some kind; without one no number, or 0 where there is no such.
+    pub fn number(&mut self, kind: Kind, value: Option<f64>) {
+        let missing = match kind {
+            Kind::F32 | Kind::F64 => f64::NAN,
+            _ => 0.0,
+        };
+        let (bytes, size) = kind.bytes(value.unwrap_or(missing));
+        self.put(&bytes[..size]);
     }
 
     pub fn vector(&mut self, v: Vec3) {
@@ -76,17 +99,29 @@ pub fn write_rows(
     })
 }
 
+/// What the colours of an output are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Paint {
+    /// Radiosity as a display shows it.
+    Lit,
+    /// Irradiance as a display shows it.
+    Irradiance,
+    /// The colours of the input.
+    Keep,
+}
+
 /// Points with their light.
 #[derive(Clone, Copy)]
 pub struct Lit<'a> {
     pub cloud: &'a PointCloud,
     pub map: &'a IlluminationMap,
+    pub paint: Paint,
     exposure: f32,
 }
 
 impl<'a> Lit<'a> {
     /// Fails with [`Error::Invalid`] if cloud and map differ in length.
-    pub fn new(cloud: &'a PointCloud, map: &'a IlluminationMap) -> Result<Self> {
+    pub fn new(cloud: &'a PointCloud, map: &'a IlluminationMap, paint: Paint) -> Result<Self> {
         let n = cloud.len();
         let lengths = [
             map.irradiance.len(),
@@ -99,10 +134,16 @@ impl<'a> Lit<'a> {
                 "the map has {lengths:?} entries, the cloud {n} points"
             )));
         }
+        let exposure = match paint {
+            Paint::Lit => tone::exposure(&map.radiosity),
+            Paint::Irradiance => tone::exposure(&map.irradiance),
+            Paint::Keep => 1.0,
+        };
         Ok(Lit {
             cloud,
             map,
-            exposure: tone::exposure(&map.radiosity),
+            paint,
+            exposure,
         })
     }
 
@@ -115,9 +156,17 @@ impl<'a> Lit<'a> {
         self.map.normal(self.cloud, i)
     }
 
-    /// Radiosity as a display shows it.
+    /// In sRGB; colours of the input are those of its reflectance.
     pub fn colour(&self, i: usize) -> [u8; 3] {
-        tone::tone_map(self.map.radiosity[i], self.exposure)
+        let light = match self.paint {
+            Paint::Lit => self.map.radiosity[i],
+            Paint::Irradiance => self.map.irradiance[i],
+            Paint::Keep => {
+                let reflectance = self.cloud.reflectance[i].to_array();
+                return reflectance.map(|r| (linear_to_srgb(r) * 255.0).round() as u8);
+            }
+        };
+        tone::tone_map(light, self.exposure)
     }
 
     /// Everything but the position.

@@ -18,6 +18,9 @@ const GRAIN: usize = 4096;
 /// What a coefficient of a Gaussian splat adds to its colour, which is 0.5 without.
 const SPLAT: f64 = 0.282_094_79;
 
+/// Colours that outputs were painted over.
+pub(super) const ORIGINAL: [&str; 3] = ["original_red", "original_green", "original_blue"];
+
 /// How a size gives an area.
 #[derive(Clone, Copy)]
 enum Size {
@@ -205,7 +208,9 @@ impl<S: AsRef<str>> Search<'_, S> {
         if let Some(slots) = self.three("reflectance", LINEAR) {
             return Some(Colour::Linear(slots));
         }
-        if let Some(slots) = self.three("colours", ["red", "green", "blue"]) {
+        let original = self.three("colours", ORIGINAL);
+        let slots = original.or_else(|| self.three("colours", ["red", "green", "blue"]));
+        if let Some(slots) = slots {
             let each = slots.map(|slot| stored(self.columns[slot]));
             // What is not alike is judged by its values.
             let alike = each.iter().all(|other| *other == each[0]);

@@ -37,6 +37,15 @@ pub(crate) struct Lines<'a, R> {
     number: u64,
 }
 
+/// Lines that follow one another.
+pub(super) struct Block<'a> {
+    /// Of the first line.
+    number: u64,
+    text: &'a [u8],
+    /// Those that count.
+    pub lines: &'a [&'a [u8]],
+}
+
 /// A text file, in UTF-8 whatever it is stored in.
 pub(super) type Text = Box<dyn Read + Send + Sync>;
 
@@ -140,6 +149,36 @@ impl<'a, R: Read> Lines<'a, R> {
         take: &mut dyn FnMut(Rows),
     ) -> Result<usize> {
         let mut values = Vec::new();
+        let (path, line_end) = (self.path.clone(), self.line_end);
+        self.blocks(most, &mut |block| {
+            let Block {
+                number,
+                text,
+                lines,
+            } = *block;
+            values.clear();
+            values.resize(lines.len() * width, 0.0);
+            let wrong = values
+                .par_chunks_exact_mut(width)
+                .zip(lines)
+                .with_min_len(GRAIN)
+                .find_map_first(|(row, line)| Some((line, parse(line, row).err()?)));
+            if let Some((line, what)) = wrong {
+                let before = &text[..line.as_ptr().addr() - text.as_ptr().addr()];
+                let line = number + memchr_iter(line_end, before).count() as u64;
+                return Err(Error::input(&path, format!("line {line}: {what}")));
+            }
+            take(&values);
+            Ok(())
+        })
+    }
+
+    /// Hands at most `most` lines to `take`, in blocks. Returns their number, which is less than `most` at the end of the file alone.
+    pub fn blocks(
+        &mut self,
+        most: usize,
+        take: &mut dyn FnMut(&Block) -> Result<()>,
+    ) -> Result<usize> {
         let mut done = 0;
         while done < most {
             let whole = self.whole()?;
@@ -160,19 +199,11 @@ impl<'a, R: Read> Lines<'a, R> {
                 }
                 used = end;
             }
-            values.clear();
-            values.resize(lines.len() * width, 0.0);
-            let wrong = values
-                .par_chunks_exact_mut(width)
-                .zip(&lines)
-                .with_min_len(GRAIN)
-                .find_map_first(|(row, line)| Some((line, parse(line, row).err()?)));
-            if let Some((line, what)) = wrong {
-                let before = &block[..line.as_ptr().addr() - block.as_ptr().addr()];
-                let line = self.number + memchr_iter(self.line_end, before).count() as u64;
-                return Err(Error::input(&self.path, format!("line {line}: {what}")));
-            }
-            take(&values);
+            take(&Block {
+                number: self.number,
+                text: block,
+                lines: &lines,
+            })?;
             done += lines.len();
             self.number += memchr_iter(self.line_end, &block[..used]).count() as u64;
             self.from += used;

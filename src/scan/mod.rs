@@ -1,12 +1,13 @@
 //! Scan files to point clouds.
 
+pub(crate) mod attributes;
 mod colours;
 mod e57;
 mod fields;
-mod las;
+pub(crate) mod las;
 mod lines;
 mod mesh;
-mod names;
+pub(crate) mod names;
 mod obj;
 mod pcd;
 pub(crate) mod ply;

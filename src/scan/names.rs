@@ -4,7 +4,7 @@
 //! of CloudCompare are left off.
 
 /// Each meaning with the names that it goes by, the best first.
-const NAMES: [(&str, &[&str]); 28] = [
+const NAMES: [(&str, &[&str]); 31] = [
     (
         "x",
         &[
@@ -109,6 +109,9 @@ const NAMES: [(&str, &[&str]); 28] = [
             "bf",
         ],
     ),
+    ("original_red", &["originalred"]),
+    ("original_green", &["originalgreen"]),
+    ("original_blue", &["originalblue"]),
     ("rgb", &["rgb", "rgba"]),
     ("f_dc_0", &["fdc0"]),
     ("f_dc_1", &["fdc1"]),

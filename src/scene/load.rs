@@ -66,7 +66,7 @@ impl Scene {
             } else {
                 let scan = Scan::read(path, &read_options(options), progress)?;
                 let sampled = scan.sampled;
-                scene.add(path.to_owned(), scan);
+                scene.add(path.to_owned(), scan, false);
                 sampled
             };
             has_surfaces |= surfaces;
@@ -84,7 +84,7 @@ impl Scene {
     }
 
     /// Adds the points of a file behind those that are there.
-    fn add(&mut self, path: PathBuf, scan: Scan) {
+    fn add(&mut self, path: PathBuf, scan: Scan, moved: bool) {
         let before = self.cloud.len();
         append(&mut self.cloud, scan.cloud);
         self.sources.push(Source {
@@ -93,6 +93,8 @@ impl Scene {
             fields: scan.fields,
             taken: scan.taken,
             points: before..self.cloud.len(),
+            sampled: scan.sampled,
+            moved,
         });
     }
 
@@ -131,13 +133,13 @@ impl Scene {
             cloud: shapes,
             ..Scan::default()
         };
-        self.add(path.to_owned(), shapes);
+        self.add(path.to_owned(), shapes, false);
         for table in &file.cloud {
             let scan_path = scan_path(path, table)?;
             let mut scan = Scan::read(&scan_path, &table.read_options(options), progress)?;
             has_surfaces |= scan.sampled;
             scan.cloud = place(scan.cloud, table);
-            self.add(scan_path, scan);
+            self.add(scan_path, scan, table.moves());
         }
         self.lights.extend(file.light.iter().map(PointLight::from));
         self.sky = file.sky.0;
@@ -165,6 +167,12 @@ fn read_options(options: &SceneOptions) -> ReadOptions {
 }
 
 impl CloudTable {
+    /// Whether points are at other places than in their file.
+    fn moves(&self) -> bool {
+        let is_scaled = self.scale.is_some_and(|scale| scale.0 != 1.0);
+        is_scaled || self.rotate.0 != DQuat::IDENTITY || self.translate.0 != DVec3::ZERO
+    }
+
     /// What the file says goes before what the caller asks for; lengths are those of the scene.
     fn read_options(&self, options: &SceneOptions) -> ReadOptions {
         let scale = self.scale.map_or(1.0, |s| s.0);
@@ -244,7 +252,7 @@ fn scan_path(scene_file: &Path, table: &CloudTable) -> Result<PathBuf> {
 fn place(mut cloud: PointCloud, table: &CloudTable) -> PointCloud {
     let scale = table.scale.map_or(1.0, |s| s.0);
     let turn = table.rotate.0;
-    if scale != 1.0 || turn != DQuat::IDENTITY || table.translate.0 != DVec3::ZERO {
+    if table.moves() {
         cloud.grid = None;
     }
     for p in &mut cloud.positions {

@@ -83,6 +83,10 @@ pub struct Source {
     pub taken: String,
     /// Its points in the cloud of the scene; of a scene file those of its shapes.
     pub points: Range<usize>,
+    /// Whether the points were made on its triangles or shapes.
+    pub sampled: bool,
+    /// Whether a scene file scales, turns or moves its points.
+    pub moved: bool,
 }
 
 /// What the caller of [`Scene::load`] can set.

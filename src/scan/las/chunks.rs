@@ -84,11 +84,13 @@ impl Compression {
         })
     }
 
-    /// Decompresses a chunk and hands the bytes of its points to `take`, block by block.
+    /// Decompresses a chunk and hands the bytes of its points to `take`, block by block: with `all` every
+    /// field, else those that make a cloud.
     pub fn decompress(
         &self,
         chunk: Chunk,
         bytes: &[u8],
+        all: bool,
         mut take: impl FnMut(&[u8]),
     ) -> laz::Result<()> {
         let mut points: Box<dyn RecordDecompressor<Cursor<&[u8]>>> = if self.layered {
@@ -98,14 +100,15 @@ impl Compression {
             Box::new(SequentialPointRecordDecompressor::new(Cursor::new(bytes)))
         };
         points.set_fields_from(self.vlr.items())?;
-        points.set_selection(
-            DecompressionSelection::xy_returns_channel()
+        points.set_selection(match all {
+            true => DecompressionSelection::all(),
+            false => DecompressionSelection::xy_returns_channel()
                 .decompress_z()
                 .decompress_classification()
                 .decompress_flags()
                 .decompress_rgb()
                 .decompress_extra_bytes(),
-        );
+        });
         let mut block = vec![0; chunk.points.min(BLOCK) as usize * self.stride];
         let mut left = chunk.points;
         while left > 0 {

@@ -17,12 +17,14 @@ use crate::points::Grid;
 const VLR_HEADER: u64 = 54;
 /// Bytes of the header of a record after the points.
 const EVLR_HEADER: usize = 60;
-/// No coordinate system is longer.
-const LONGEST_REFERENCE: u64 = 1 << 20;
+/// Longer records after the points are not kept: no coordinate system is.
+const LONGEST_RECORD: u64 = 1 << 20;
 /// The user of the records that say in which reference system coordinates are.
-const PROJECTION: &str = "LASF_Projection";
+pub const PROJECTION: &str = "LASF_Projection";
 /// User and number of the record that describes what points have beside the fields of the format.
-const EXTRA_BYTES: (&str, u16) = ("LASF_Spec", 4);
+pub const EXTRA_BYTES: (&str, u16) = ("LASF_Spec", 4);
+/// Bytes of the description of one such value, table 24 of the LAS 1.4 standard.
+pub const DESCRIPTION: usize = 192;
 
 pub struct Header {
     pub version: Version,
@@ -37,8 +39,14 @@ pub struct Header {
     pub grid: Grid,
     /// Content of the record that describes the compression.
     pub laszip: Option<Vec<u8>>,
-    /// What points have beside the fields of the format.
+    /// What points have beside the fields of the format: all bytes, in their order.
     pub extra: Vec<Extra>,
+    /// All else that the file says of itself, for a copy of it.
+    pub raw: raw::Header,
+    /// The records before the points, and those behind, but for the longest of these.
+    pub records: [Vec<Vlr>; 2],
+    /// Who made the records behind the points that are too long to be kept.
+    pub long: Vec<String>,
 }
 
 impl Header {
@@ -80,11 +88,23 @@ impl Header {
             grid: grid(&raw)?,
             laszip: None,
             extra: Vec::new(),
+            raw: raw.clone(),
+            records: [Vec::new(), Vec::new()],
+            long: Vec::new(),
         };
         header
             .read_records(input, &raw, repairs)
             .map_err(|e| format!("the records after the header: {e}"))?;
         header.read_extended_records(input, bytes, &raw, repairs);
+        let length = usize::from(header.format.len());
+        let descriptions = (header.records.iter().flatten())
+            .filter(|record| (record.user_id.as_str(), record.record_id) == EXTRA_BYTES)
+            .flat_map(|record| record.data.chunks_exact(DESCRIPTION));
+        header.extra = extra(descriptions, length, header.stride);
+        let references = (header.records.iter().flatten())
+            .filter(|record| record.user_id == PROJECTION)
+            .map(|record| (record.record_id, record.data.clone()));
+        header.grid.reference = references.collect();
         Ok(header)
     }
 
@@ -104,11 +124,15 @@ impl Header {
         let present = fields.iter().filter(|(_, present)| *present);
         present
             .flat_map(|(names, _)| names.split(' ').map(str::to_owned))
-            .chain(self.extra.iter().map(|extra| extra.name.clone()))
+            .chain(
+                (self.extra.iter())
+                    .filter(|extra| extra.is_known())
+                    .map(|extra| extra.name.clone()),
+            )
             .collect()
     }
 
-    /// Keeps the coordinate systems among the records after the points, as far as they are there.
+    /// Keeps the records after the points, as far as they are there.
     fn read_extended_records(
         &mut self,
         input: &mut (impl BufRead + Seek),
@@ -133,19 +157,29 @@ impl Header {
                 ));
                 return;
             }
-            let user = &head[2..18];
-            if user.starts_with(PROJECTION.as_bytes()) && length <= LONGEST_REFERENCE {
-                let mut data = vec![0; length as usize];
-                // It is there, as the file is long enough.
-                if input.read_exact(&mut data).is_ok() {
-                    let number = u16::from_le_bytes([head[18], head[19]]);
-                    self.grid.reference.push((number, data));
-                }
+            let text = |bytes: &[u8]| {
+                let end = bytes.iter().position(|&byte| byte == 0);
+                String::from_utf8_lossy(&bytes[..end.unwrap_or(bytes.len())]).into_owned()
+            };
+            let user = text(&head[2..18]);
+            if length > LONGEST_RECORD {
+                self.long.push(user);
+                continue;
+            }
+            let mut data = vec![0; length as usize];
+            // It is there, as the file is long enough.
+            if input.read_exact(&mut data).is_ok() {
+                self.records[1].push(Vlr {
+                    user_id: user,
+                    record_id: u16::from_le_bytes([head[18], head[19]]),
+                    description: text(&head[28..60]),
+                    data,
+                });
             }
         }
     }
 
-    /// Keeps those of the records before the points that are of use.
+    /// Keeps the records before the points.
     fn read_records(
         &mut self,
         input: &mut (impl BufRead + Seek),
@@ -170,10 +204,8 @@ impl Header {
             }
             if las::laz::is_laszip_vlr(&record) {
                 self.laszip = Some(record.data);
-            } else if record.user_id == PROJECTION {
-                self.grid.reference.push((record.record_id, record.data));
-            } else if (record.user_id.as_str(), record.record_id) == EXTRA_BYTES {
-                self.extra = extra(&record.data, self.format.len().into(), self.stride);
+            } else {
+                self.records[0].push(record);
             }
         }
         Ok(())
@@ -200,14 +232,30 @@ fn points(raw: &raw::Header, is_extended: bool, repairs: &mut Vec<String>) -> u6
 pub struct Extra {
     pub name: String,
     /// Type, by its number in the standard.
-    kind: u8,
-    /// Where it begins in a point.
-    begin: usize,
-    scale: f64,
-    offset: f64,
+    pub kind: u8,
+    /// Where it begins in a point, and its bytes.
+    pub begin: usize,
+    pub size: usize,
+    pub scale: f64,
+    pub offset: f64,
+    /// As the file has it.
+    pub description: [u8; DESCRIPTION],
 }
 
 impl Extra {
+    /// Whether it is a number. Without a description it is none; types above 10 are outdated.
+    pub fn is_known(&self) -> bool {
+        (1..=10).contains(&self.kind)
+    }
+
+    /// The name of a number; none for other bytes.
+    pub fn known_name(&self) -> &str {
+        match self.is_known() {
+            true => &self.name,
+            false => "",
+        }
+    }
+
     pub fn value(&self, row: &[u8]) -> f64 {
         macro_rules! number {
             ($type:ty) => {{
@@ -231,43 +279,64 @@ impl Extra {
     }
 }
 
-/// What the descriptions of extra bytes tell, table 24 of the LAS 1.4 standard, as far as it fits into points
-/// of `stride` bytes, whose fixed fields end at `begin`.
-fn extra(descriptions: &[u8], mut begin: usize, stride: usize) -> Vec<Extra> {
+/// What descriptions of extra bytes tell, as far as it fits into points of `stride` bytes, whose fixed fields
+/// end at `begin`; what is left is described as bytes of an unknown kind.
+fn extra<'a>(
+    descriptions: impl Iterator<Item = &'a [u8]>,
+    mut begin: usize,
+    stride: usize,
+) -> Vec<Extra> {
     let mut all = Vec::new();
-    for description in descriptions.chunks_exact(192) {
+    for bytes in descriptions {
+        let mut description = [0; DESCRIPTION];
+        description.copy_from_slice(bytes);
         let (kind, options) = (description[2], description[3]);
         let size = match kind {
-            0 => options.into(), // bytes that nobody describes
-            1 | 2 => 1,
-            3 | 4 => 2,
-            5 | 6 | 9 => 4,
-            _ => 8,
+            0 => options.into(),
+            // The outdated ones are two or three numbers.
+            1..=30 => usize::from((kind - 1) / 10 + 1) * SIZES[usize::from((kind - 1) % 10)],
+            _ => break,
         };
+        if begin + size > stride {
+            break;
+        }
         let name = &description[4..36];
         let end = name.iter().position(|&byte| byte == 0);
         let number = |bit: u8, at: usize, otherwise: f64| match options >> bit & 1 {
-            1 => f64::from_le_bytes(std::array::from_fn(|i| description[at + i])),
+            1 if kind > 0 => f64::from_le_bytes(std::array::from_fn(|i| description[at + i])),
             _ => otherwise,
         };
-        let extra = Extra {
+        all.push(Extra {
             name: String::from_utf8_lossy(&name[..end.unwrap_or(name.len())]).into_owned(),
             kind,
             begin,
+            size,
             scale: number(3, 112, 1.0),
             offset: number(4, 136, 0.0),
-        };
+            description,
+        });
         begin += size;
-        if begin > stride {
-            break;
-        }
-        // Without a description it is no number; types above 10 are outdated.
-        if (1..=10).contains(&kind) {
-            all.push(extra);
-        }
+    }
+    while begin < stride {
+        let size = (stride - begin).min(u8::MAX.into());
+        let mut description = [0; DESCRIPTION];
+        description[3] = size as u8;
+        all.push(Extra {
+            name: String::new(),
+            kind: 0,
+            begin,
+            size,
+            scale: 1.0,
+            offset: 0.0,
+            description,
+        });
+        begin += size;
     }
     all
 }
+
+/// Bytes of the types 1 to 10 of extra bytes.
+const SIZES: [usize; 10] = [1, 1, 2, 2, 4, 4, 8, 8, 4, 8];
 
 /// Number, fields and length of a point.
 fn format(raw: &raw::Header) -> Result<(u8, Format, usize), String> {

@@ -4,7 +4,7 @@
 //! of two properties with the same name, and refuse comments that are not UTF-8 and names with
 //! signs like `#`, which CloudCompare writes.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::io::{BufRead, Read};
 
 use crate::scan::BOM;
@@ -23,8 +23,9 @@ pub struct Header {
     pub lines: u64,
     /// The byte that ends a line: `\n` or, in very old files, `\r`.
     pub line_end: u8,
-    /// Names of properties that are whole numbers of 64 bits, in the model doubles.
-    pub wide: HashSet<String>,
+    /// Names of properties that are whole numbers of 64 bits, in the model doubles, and whether they have a
+    /// sign.
+    pub wide: HashMap<String, bool>,
 }
 
 /// Reads a header up to and with its line `end_header`; fails with what is wrong and where.
@@ -88,7 +89,7 @@ struct Seen {
     elements: HashSet<String>,
     /// Of the last element.
     properties: HashSet<String>,
-    wide: HashSet<String>,
+    wide: HashMap<String, bool>,
 }
 
 /// A line as ply-rs reads it, or what is wrong with it.
@@ -130,9 +131,13 @@ fn plain_line(line: &[u8], seen: &mut Seen) -> Result<String, &'static str> {
         ] => {
             return Err("the count of a list must be of an integer type");
         }
-        ["property", "int64" | "uint64" | "long" | "ulong", name] => {
+        [
+            "property",
+            kind @ ("int64" | "uint64" | "long" | "ulong"),
+            name,
+        ] => {
             let name = plain_name(name, &mut seen.properties)?;
-            seen.wide.insert(name.clone());
+            seen.wide.insert(name.clone(), !kind.starts_with('u'));
             // Of the same length.
             return Ok(format!("property double {name}"));
         }
@@ -170,4 +175,22 @@ fn plain_name(name: &str, taken: &mut HashSet<String>) -> Result<String, &'stati
     } else {
         Err("this name came before")
     }
+}
+
+/// The name in the letters of the file, from that in those that ply-rs takes.
+pub fn written(plain: &str) -> String {
+    let mut name = String::new();
+    let mut rest = plain;
+    while let Some(begin) = rest.find("_-") {
+        let Some((number, after)) = rest[begin + 2..].split_once('-') else {
+            break;
+        };
+        let letter = u32::from_str_radix(number, 16)
+            .ok()
+            .and_then(char::from_u32);
+        name.push_str(&rest[..begin]);
+        name.extend(letter);
+        rest = after;
+    }
+    name + rest
 }

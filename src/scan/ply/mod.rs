@@ -73,13 +73,34 @@ impl PlyFile {
             .map(|property| match property.data_type {
                 PropertyType::Scalar(_)
                     if self.header.encoding == Encoding::Ascii
-                        || !self.header.wide.contains(&property.name) =>
+                        || !self.header.wide.contains_key(&property.name) =>
                 {
                     property.name.as_str()
                 }
                 _ => "",
             })
             .collect()
+    }
+
+    pub fn encoding(&self) -> Encoding {
+        self.header.encoding
+    }
+
+    /// The names of the vertices' properties as the file has them, their types, and of whole numbers of 64 bits
+    /// whether they have a sign.
+    pub fn properties(&self) -> impl Iterator<Item = (String, &PropertyType, Option<bool>)> {
+        let properties = self.element().properties.values();
+        properties.map(|property| {
+            let wide = self.header.wide.get(&property.name).copied();
+            (header::written(&property.name), &property.data_type, wide)
+        })
+    }
+
+    /// The names of the other elements that have entries.
+    pub fn others(&self) -> impl Iterator<Item = &str> {
+        let elements = self.header.elements.values();
+        let others = elements.filter(|element| element.name != VERTEX && element.count > 0);
+        others.map(|element| element.name.as_str())
     }
 
     fn scalar(&self, column: usize) -> &ScalarType {

@@ -140,7 +140,12 @@ impl Sample {
 
     /// Whether a column can be the names of rows: it counts, or is no number.
     pub fn is_row_name(&self, at: usize) -> bool {
-        self.is_running(at) || self.one(at).all(f64::is_nan)
+        self.is_running(at) || self.is_words(at)
+    }
+
+    /// Whether a column has no number at all.
+    pub fn is_words(&self, at: usize) -> bool {
+        self.one(at).all(f64::is_nan)
     }
 
     fn is_label(&self, at: usize) -> bool {

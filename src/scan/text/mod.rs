@@ -4,14 +4,14 @@ mod guess;
 mod table;
 
 use std::io::{Read, Seek, SeekFrom};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::colours::Stored;
 use super::fields::{Builder, Fields};
-use super::lines::Lines;
+use super::lines::{Lines, Text};
 use super::{ReadOptions, Scan};
 use crate::error::{Error, Result};
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
 use table::{Table, count, lines_of};
 
 /// Places within a long file that are looked at, and bytes of each.
@@ -41,22 +41,10 @@ pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Resu
     let width = fields.columns.len();
     let mut builder = Builder::new(fields, 0);
     let parse = |line: &[u8], row: &mut [f64]| table.parse(line, &slots, row);
-    if table.has_header {
-        lines.line()?;
-    }
-    // Blocks of points with their count, and what follows without.
-    while let Some(expected) = count_ahead(lines.ahead()?) {
-        lines.line()?;
-        let done = lines.rows(expected, width, parse, &mut |rows| builder.append(rows))?;
-        if done < expected {
-            return Err(Error::input(
-                path,
-                format!("the file is cut short: it ends after {done} of {expected} points"),
-            ));
-        }
-    }
-    let counted = builder.cloud.len();
-    let more = lines.rows(usize::MAX, width, parse, &mut |rows| builder.append(rows))?;
+    let more = points(path, &mut lines, &table, &mut |lines, most| {
+        lines.rows(most, width, parse, &mut |rows| builder.append(rows))
+    })?;
+    let counted = builder.cloud.len() - more;
     if builder.cloud.is_empty() {
         return Err(Error::input(path, "empty cloud: the file has no points"));
     }
@@ -89,6 +77,83 @@ pub fn read(path: &Path, options: &ReadOptions, progress: &dyn Progress) -> Resu
         cloud,
         fields: table.names,
     })
+}
+
+/// Goes through a file with `each`, which takes at most so many points from the lines and returns their
+/// number: first the blocks of points with their count, then what follows without. Returns the number of the
+/// latter.
+fn points<'a>(
+    path: &Path,
+    lines: &mut Lines<'a, Text>,
+    table: &Table,
+    each: &mut dyn FnMut(&mut Lines<'a, Text>, usize) -> Result<usize>,
+) -> Result<usize> {
+    if table.has_header {
+        lines.line()?;
+    }
+    while let Some(expected) = count_ahead(lines.ahead()?) {
+        lines.line()?;
+        let done = each(lines, expected)?;
+        if done < expected {
+            return Err(Error::input(
+                path,
+                format!("the file is cut short: it ends after {done} of {expected} points"),
+            ));
+        }
+    }
+    each(lines, usize::MAX)
+}
+
+/// A text whose points are read once more, as they are written.
+pub(crate) struct TextFile {
+    path: PathBuf,
+    table: Table,
+}
+
+impl TextFile {
+    /// Of a file whose columns were found to be `names`; fails as [`read`] does.
+    pub fn open(path: &Path, names: &[String]) -> Result<Self> {
+        let mut lines = Lines::open(path, &Silent)?;
+        let table = Table::of(lines.ahead()?, &pieces(path)?, names);
+        let table = table.map_err(|what| Error::input(path, what))?;
+        Ok(TextFile {
+            path: path.to_owned(),
+            table,
+        })
+    }
+
+    pub fn names(&self) -> &[String] {
+        &self.table.names
+    }
+
+    /// Whether a column has numbers, as far as some lines tell.
+    pub fn is_number(&self, column: usize) -> bool {
+        !self.table.words[column]
+    }
+
+    /// What stands in the columns of a line; nothing where values are missing.
+    pub fn cells<'a>(&self, line: &'a [u8]) -> impl Iterator<Item = &'a [u8]> + use<'a> {
+        let cells = self.table.cells(line).chain(std::iter::repeat(&b""[..]));
+        cells.take(self.table.names.len())
+    }
+
+    /// The numbers of a line, of which column `i` goes to `row[slots[i]]`; no number where there is none.
+    pub fn numbers(&self, line: &[u8], slots: &[Option<usize>], row: &mut [f64]) {
+        for (cell, slot) in self.cells(line).zip(slots) {
+            if let Some(slot) = *slot {
+                row[slot] = self.table.number(cell).unwrap_or(f64::NAN);
+            }
+        }
+    }
+
+    /// Hands the lines of all points to `take`, block by block.
+    pub fn read(&self, take: &mut dyn FnMut(&[&[u8]]) -> Result<()>) -> Result<()> {
+        let mut lines = Lines::open(&self.path, &Silent)?;
+        points(&self.path, &mut lines, &self.table, &mut |lines, most| {
+            lines.blocks(most, &mut |block| take(block.lines))
+        })?;
+        Ok(())
+    }
 }
 
 /// Some lines from within a long file: what stands at its beginning need not be like the rest.

@@ -23,6 +23,8 @@ pub struct Table {
     pub is_guessed: bool,
     /// Another meaning that columns without names could have.
     pub other: Option<Vec<String>>,
+    /// Of the columns, whether they have no numbers in some lines that were looked at.
+    pub words: Vec<bool>,
 }
 
 /// How a line is written.
@@ -201,6 +203,7 @@ impl Table {
             is_guessed: false,
             other: None,
             names: Vec::new(),
+            words: (0..columns).map(|column| sample.is_words(column)).collect(),
         };
         match names {
             _ if !told.is_empty() => {
@@ -219,6 +222,7 @@ impl Table {
                 table.is_guessed = true;
             }
         }
+        table.words.resize(table.names.len(), true); // names of columns that are not there
         Ok(table)
     }
 
@@ -233,6 +237,7 @@ impl Table {
             has_header: false,
             is_guessed: true,
             other: None,
+            words: vec![false; 3],
         }
     }
 
@@ -255,14 +260,24 @@ impl Table {
         format!("text, parted by {delimiter}{comma}{names}")
     }
 
-    /// Parses one line; the value of column `i` goes to `row[slots[i]]`.
-    pub fn parse(&self, line: &[u8], slots: &[Option<usize>], row: &mut [f64]) -> Parsed<()> {
+    /// What stands in the columns of a line.
+    pub fn cells<'a>(&self, line: &'a [u8]) -> impl Iterator<Item = &'a [u8]> + use<'a> {
         let line = match self.written.delimiter {
             // A line may begin or end with values that are not there.
             Delimiter::Byte(b'\t') => without_end(line),
             _ => line.trim_ascii(),
         };
-        let mut values = self.written.values(line);
+        self.written.values(line)
+    }
+
+    /// The number that stands in a column.
+    pub fn number(&self, cell: &[u8]) -> Option<f64> {
+        self.written.number(cell)
+    }
+
+    /// Parses one line; the value of column `i` goes to `row[slots[i]]`.
+    pub fn parse(&self, line: &[u8], slots: &[Option<usize>], row: &mut [f64]) -> Parsed<()> {
+        let mut values = self.cells(line);
         for (i, slot) in slots.iter().enumerate() {
             let value = values
                 .next()
