@@ -30,6 +30,8 @@ const NOISE: f32 = 5.0;
 const WHOLE: f32 = 0.65;
 /// Where more than this part lies on a plane within the noise, one surface ends at another.
 const PART: f32 = 0.3;
+/// Of a footprint with many more points so many tell as well what is there.
+const MANY: usize = 128;
 /// Where this part of the footprint does, nothing else is looked for.
 const FLAT: f32 = 0.8;
 /// A surfel is round if its radius of curvature is less than its size over this.
@@ -333,6 +335,13 @@ impl Cover<'_> {
         Some((patch, covered))
     }
 
+    /// Where samples are, from a place, and where they were seen from, if that is known of any.
+    fn seen(&self, place: Vec3, near: &[(u32, f32)]) -> (Vec<Vec3>, Vec<Vec3>) {
+        let way = |&(k, _): &(u32, f32)| self.samples.positions[k as usize] - place;
+        let views = near.iter().filter_map(|n| self.samples.view(n.0));
+        (near.iter().map(way).collect(), views.collect())
+    }
+
     /// The middle of samples on a plane: a sample at an edge stands for what lies on one side of it.
     fn middle(&self, plane: &Plane, place: Vec3, samples: &[u32]) -> Vec3 {
         let places = samples
@@ -360,11 +369,11 @@ impl Cover<'_> {
         let mut random = stream(0, Purpose::Fit, i as u64);
         let mut widened = 0;
         loop {
-            let near = neighbours.all_within(place, FOOTPRINT * size);
-            let places: Vec<Vec3> = (near.iter())
-                .map(|&(k, _)| samples.positions[k as usize] - place)
+            let all = neighbours.all_within(place, FOOTPRINT * size);
+            let near: Vec<(u32, f32)> = (all.iter().copied())
+                .step_by(all.len().div_ceil(MANY).max(1))
                 .collect();
-            let views: Vec<Vec3> = near.iter().filter_map(|n| samples.view(n.0)).collect();
+            let (places, views) = self.seen(place, &near);
             let around = Around {
                 places: &places,
                 views: &views,
@@ -404,8 +413,8 @@ impl Cover<'_> {
             let flat = Model::Flat(straight);
             let tangent = Model::Tangent(bent);
             // Parts of all that is around: few points next to each other are on any surface.
-            let (on_flat, all) = on(&flat);
-            let curved = match on_flat >= FLAT * all {
+            let (on_flat, of) = on(&flat);
+            let curved = match on_flat >= FLAT * of {
                 true => None,
                 false => Curved::fit(&around, &bent),
             };
@@ -468,21 +477,27 @@ impl Cover<'_> {
             }
             let position = place - plane.height(Vec3::ZERO) * plane.normal;
             let flat = matches!(model, Model::Flat(_));
-            let within = || {
-                let within = (0..near.len()).filter(|&k| near[k].1 <= size * size);
-                within.filter(|&k| match model {
-                    Model::Flat(_) | Model::Round(_) => offs[k] <= 1.0,
+            let (places, views) = self.seen(place, &all);
+            let around = Around {
+                places: &places,
+                views: &views,
+                ..around
+            };
+            let within: Vec<usize> = (0..all.len())
+                .take_while(|&k| all[k].1 <= size * size)
+                .filter(|&k| match model {
+                    Model::Flat(_) | Model::Round(_) => model.off(&around, k) <= 1.0,
                     _ => around.off(&plane, k) <= 1.0,
                 })
-            };
-            let covered: Vec<u32> = within().map(|k| near[k].0).collect();
+                .collect();
+            let covered: Vec<u32> = within.iter().map(|&k| all[k].0).collect();
             let position = match flat && !whole {
                 true => self.middle(&plane.moved(place), place, &covered),
                 false => position,
             };
-            let squares = within().map(|k| plane.height(places[k]).powi(2));
-            let mean = squares.sum::<f32>() / within().count().max(1) as f32;
-            let (colour, mottled) = samples.mean_colour(within().map(|k| near[k].0));
+            let squares = within.iter().map(|&k| plane.height(places[k]).powi(2));
+            let mean = squares.sum::<f32>() / within.len().max(1) as f32;
+            let (colour, mottled) = samples.mean_colour(&covered);
             let patch = Patch {
                 sample: i as u32,
                 position,

@@ -19,6 +19,8 @@ use crate::random::{Purpose, stream};
 
 /// Neighbours whose farthest tells the spacing: enough that the pattern of a scan's lines averages out.
 const AROUND: usize = 12;
+/// In a cloud of more points than this the spacing is measured at about so many of them.
+const SPACED: usize = 1_500_000;
 /// Places that the noise is measured at, and those of them that are asked at a point.
 const PROBES: usize = 4000;
 const ASKED: usize = 9;
@@ -114,12 +116,12 @@ impl Samples {
     }
 
     /// Mean colour of samples, and how far they are off that (root mean square), or as well as colours are known.
-    pub fn mean_colour(&self, of: impl Iterator<Item = u32>) -> (Vec3, f32) {
-        let sum = |(sum, squares, count): (Vec3, f32, f32), k: u32| {
+    pub fn mean_colour(&self, of: &[u32]) -> (Vec3, f32) {
+        let sum = |(sum, squares, count): (Vec3, f32, f32), &k: &u32| {
             let colour = self.colours[k as usize];
             (sum + colour, squares + colour.length_squared(), count + 1.0)
         };
-        let (sum, squares, count) = of.fold((Vec3::ZERO, 0.0, 0.0_f32), sum);
+        let (sum, squares, count) = of.iter().fold((Vec3::ZERO, 0.0, 0.0_f32), sum);
         let mean = sum / count.max(1.0);
         let variance = (squares / count.max(1.0) - mean.length_squared()).max(0.0);
         (mean, variance.sqrt().max(COLOURS))
@@ -160,14 +162,21 @@ impl Scale {
         progress: &dyn Progress,
     ) -> Result<Scale> {
         let (n, positions) = (samples.len(), &samples.positions);
+        let alike = n.div_ceil(SPACED).max(1);
         let spacing = |run: std::ops::Range<usize>| {
             let (mut last, mut near) = (Last::default(), Vec::new());
-            let spacing = |i: usize| {
+            let mut spacing = |i: usize| {
                 neighbours.next_nearest(i, AROUND, &mut last, &mut near);
                 let far = near.last().map_or(0.0, |n| n.1.length() as f32);
                 far * (PI / near.len().max(1) as f32).sqrt()
             };
-            run.map(spacing).collect::<Vec<f32>>()
+            // Those that follow one another have about the same.
+            let mut of_run = Vec::with_capacity(run.len());
+            for first in run.clone().step_by(alike) {
+                let count = alike.min(run.end - first);
+                of_run.extend(std::iter::repeat_n(spacing(first), count));
+            }
+            of_run
         };
         let spacing: Vec<f32> = runs(0..n).flat_map_iter(spacing).collect();
         progress.check()?;
