@@ -14,6 +14,9 @@ use crate::visibility::{NO_SURFEL, Occluders, Segment, blocked, first_hit};
 
 /// Surfels around a point that is none, between which its light lies.
 const AROUND: usize = 12;
+/// So many are looked at around a surfel, if it has more than this many points.
+const BESIDE: usize = 20;
+const SHARED: usize = 6;
 /// Difference of unit normals, and height over the distance of the farthest of them, at which a surfel
 /// counts a quarter.
 const BENT: f32 = 0.2;
@@ -100,6 +103,17 @@ impl IlluminationMap {
             true => Some(Neighbours::new(&surfels.positions)?),
             false => None,
         };
+        // Where many points share a surfel, what lies around it lies around them.
+        let shared = tree.as_ref().filter(|_| n > SHARED * surfels.len());
+        let beside: Vec<[u32; BESIDE]> = match shared {
+            Some(tree) => (surfels.positions.par_iter())
+                .map(|place| {
+                    let near = tree.around(*place, BESIDE);
+                    std::array::from_fn(|k| near[k.min(near.len() - 1)])
+                })
+                .collect(),
+            None => Vec::new(),
+        };
         progress.stage("points", n as u64);
         let mut map = IlluminationMap {
             irradiance: Vec::with_capacity(n),
@@ -126,7 +140,12 @@ impl IlluminationMap {
                 });
                 let normal = given.unwrap_or(surfels.normals[k]);
                 let mut around = match &tree {
-                    Some(tree) if left_out(&i) => around(surfels, tree, place, normal),
+                    Some(tree) if left_out(&i) => match beside.get(k) {
+                        Some(beside) => {
+                            around(surfels, nearest(surfels, beside, place), place, normal)
+                        }
+                        None => around(surfels, tree.around(place, AROUND), place, normal),
+                    },
                     _ => Vec::new(),
                 };
                 if around.is_empty() {
@@ -241,11 +260,19 @@ impl Lit<'_> {
     }
 }
 
+/// Of some surfels those nearest to a place, nearest first.
+fn nearest(surfels: &Surfels, of: &[u32], place: Vec3) -> Vec<u32> {
+    let distance = |k: &u32| surfels.positions[*k as usize].distance_squared(place);
+    let mut of: Vec<(f32, u32)> = of.iter().map(|k| (distance(k), *k)).collect();
+    of.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    of.dedup_by_key(|(_, k)| *k);
+    of.into_iter().map(|(_, k)| k).take(AROUND).collect()
+}
+
 /// Surfels on one surface with a place, and what they count there: weights ((R - r) / R r)², so that at a surfel
 /// it alone counts (R. Franke and G. Nielson, "Smooth interpolation of large sets of scattered data",
 /// 1980). Empty if there are none.
-fn around(surfels: &Surfels, tree: &Neighbours, place: Vec3, normal: Vec3) -> Vec<(usize, f32)> {
-    let near = tree.around(place, AROUND);
+fn around(surfels: &Surfels, near: Vec<u32>, place: Vec3, normal: Vec3) -> Vec<(usize, f32)> {
     let distance = |&k: &u32| surfels.positions[k as usize].distance(place);
     let reach = near.last().map_or(0.0, distance);
     let mut weights = Vec::with_capacity(near.len());

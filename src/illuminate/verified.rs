@@ -54,27 +54,38 @@ pub struct Verified {
     pub reflected: Option<Errors>,
     /// Root mean square of reflected light, in units of that of ambient light.
     pub part_reflected: f64,
+    /// What errors of ambient light count: 1, and less of a fitted surface, which is itself not known as well.
+    #[serde(default = "one")]
+    pub ambient_counts: f64,
+}
+
+fn one() -> f64 {
+    1.0
 }
 
 impl Verified {
-    /// Upper 95% bound of the relative L2 errors of all light and of ambient light.
+    /// Upper 95% bound of the relative L2 errors of all light and of ambient light, as far as that counts.
     pub fn bound(&self) -> f64 {
-        self.total.rel_l2.high.max(self.ambient.high)
+        let ambient = self.ambient_counts * self.ambient.high;
+        self.total.rel_l2.high.max(ambient)
     }
 
     /// The larger one of these errors.
     pub(super) fn error(&self) -> f64 {
-        self.total.rel_l2.value.max(self.ambient.value)
+        let ambient = self.ambient_counts * self.ambient.value;
+        self.total.rel_l2.value.max(ambient)
     }
 
     /// Lower bound of the larger one.
     pub(super) fn least(&self) -> f64 {
-        self.total.rel_l2.low.max(self.ambient.low)
+        let ambient = self.ambient_counts * self.ambient.low;
+        self.total.rel_l2.low.max(ambient)
     }
 
     /// The upper bound, as it is as a rule.
     pub(super) fn likely(&self) -> f64 {
-        likely(self.total.rel_l2).max(likely(self.ambient))
+        let ambient = self.ambient_counts * likely(self.ambient);
+        likely(self.total.rel_l2).max(ambient)
     }
 
     /// Whether it is the lights that are wrong, and with them what is reflected of them.
@@ -85,7 +96,7 @@ impl Verified {
     /// What the operator adds to the error of ambient light, as a rule.
     pub(super) fn by_operator(&self) -> f64 {
         let of_reflected = self.reflected.map_or(0.0, |part| likely(part.one_bounce));
-        self.part_reflected * of_reflected
+        self.ambient_counts * self.part_reflected * of_reflected
     }
 
     /// Two independent looks at one solution together: the means of what they found, and half of the
@@ -102,6 +113,7 @@ impl Verified {
             ambient: self.ambient.and_root(other.ambient),
             reflected: self.reflected.zip(other.reflected).map(|(a, b)| a.and(&b)),
             part_reflected: self.part_reflected,
+            ambient_counts: self.ambient_counts,
         }
     }
 
