@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::plane::{Around, OFF, Plane, Weighted};
+use super::plane::{Around, OFF, Plane, Weighted, bell};
 
 /// Height over a plane: f + d x + e y + a x² + b x y + c y², with lengths in radii of the footprint.
 #[derive(Clone, Copy, Debug)]
@@ -43,10 +43,7 @@ impl Curved {
             let weighted = (0..around.places.len()).map(|k| {
                 let miss = curved.miss(around.places[k]) / (wide * tolerance);
                 let seen = f32::from(around.is_seen_with(start.normal, k));
-                (
-                    around.places[k],
-                    seen * (-0.5 * miss * miss).exp() * around.near(k),
-                )
+                (around.places[k], seen * bell(miss) * around.near(k))
             });
             curved.coefficients = curved.through(weighted, STIFF)?;
         }

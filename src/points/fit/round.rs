@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::curved::{Curved, solve};
-use super::plane::{Around, OFF, Plane};
+use super::plane::{Around, OFF, Plane, bell};
 
 /// A cylinder.
 #[derive(Clone, Copy, Debug)]
@@ -62,7 +62,7 @@ impl Round {
             }
             let (away, along, far) = self.away(place);
             let miss = far - self.radius;
-            let weight = (-0.5 * (miss / deviation).powi(2)).exp() * f64::from(around.near(k));
+            let weight = f64::from(bell((miss / deviation) as f32) * around.near(k));
             let way = away / far.max(f64::MIN_POSITIVE);
             let [y, z] = [b, c].map(|axis| axis.dot(way));
             let part = along / scale;
