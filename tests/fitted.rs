@@ -10,7 +10,7 @@ use fmmgi_gpu::points::{Evidence, Facing, Prepared, Thinning};
 use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::SceneOptions;
 use fmmgi_gpu::{PointCloud, Scene, Surfels, scan};
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DQuat, DVec2, DVec3, Vec3};
 use rand::RngExt;
 
 /// A shape with true normals.
@@ -258,9 +258,9 @@ fn density_may_jump() {
         for (name, cloud, area) in [("sphere", ball, 4.0 * PI), ("box", cube, 6.0)] {
             let found = measured(&cloud, area, Facing::Outward);
             found.print(&format!("{name}, density 1:{ratio}"));
-            assert!(found.median < 1.0 && found.p95 < 12.0);
+            assert!(found.median < 1.1 && found.p95 < 12.0);
             assert!(
-                found.wrong < 0.003 && found.area.abs() < if ratio < 50.0 { 0.04 } else { 0.12 }
+                found.wrong < 0.003 && found.area.abs() < if ratio < 50.0 { 0.06 } else { 0.18 }
             );
         }
     }
@@ -277,7 +277,8 @@ fn holes_and_strays_change_little() {
     let area = 4.0 * PI * holed.len() as f64 / whole.len() as f64;
     let found = measured(&holed, area, Facing::Outward);
     found.print("sphere with holes");
-    assert!(found.median < 0.5 && found.wrong == 0.0 && found.area.abs() < 0.02);
+    // The point that stands for a surfel may be a part of a spacing, 1.4 degrees, aside.
+    assert!(found.median < 0.8 && found.wrong == 0.0 && found.area.abs() < 0.02);
 
     for (name, clean, area) in [
         ("sphere", whole, 4.0 * PI),
@@ -461,4 +462,100 @@ fn given_normals_are_turned_as_told() {
         let (normals, repairs) = turned(&inward, facing);
         assert!(close(&normals, &inward) && repairs == 0);
     }
+}
+
+/// The lower three fifths of a pipe that scanners below it see, in a room, with points as far apart as most of its
+/// radius.
+fn pipe(radius: f64, spacing: f64, noise: f64) -> PointCloud {
+    let mut rng = random(7);
+    let n = (0.6 * TAU * radius * 3.0 / (spacing * spacing)) as usize;
+    let of_pipe = (0..n).map(|_| {
+        let angle = PI * (1.5 + rng.random_range(-0.6..0.6));
+        let normal = DVec3::new(0.0, angle.cos(), angle.sin());
+        let off = noise * rng.random_range(-1.7..1.7);
+        let place = DVec3::new(rng.random_range(0.0..3.0), 1.5, 2.4);
+        (place + normal * (radius + off), normal)
+    });
+    let pipe = cloud(of_pipe.collect::<Vec<_>>());
+    let room = cube((3.0 / spacing) as usize, 0.7, true, 3);
+    joined([pipe, moved(&room, DQuat::IDENTITY, 3.0, DVec3::ZERO)])
+}
+
+/// A plane through the same few points would be off by 20 degrees and more.
+#[test]
+fn pipes_with_points_as_far_apart_as_their_radius_are_round() {
+    let radius = 0.07;
+    let lamp = Evidence {
+        lamps: vec![DVec3::new(1.5, 1.0, 1.0)],
+        ..Evidence::default()
+    };
+    // Measured with noise: 5.3 and 32 degrees.
+    for (noise, median, p90) in [(0.0, 0.5, 5.0), (0.003, 7.0, 40.0)] {
+        let cloud = pipe(radius, 0.05, noise);
+        let surfels = fitted(&cloud, &lamp).surfels;
+        let of_pipe = (0.6 * TAU * radius * 3.0 / 0.0025) as u32;
+        let on_pipe = |k: &usize| surfels.points[*k] < of_pipe;
+        let mut angles: Vec<f64> = (0..surfels.len())
+            .filter(on_pipe)
+            .map(|k| {
+                let truth = cloud.normals[surfels.points[k] as usize];
+                f64::from(surfels.normals[k].dot(truth).clamp(-1.0, 1.0).acos()).to_degrees()
+            })
+            .collect();
+        angles.sort_by(f64::total_cmp);
+        let n = angles.len();
+        println!(
+            "noise {noise}: {n} surfels, {:.2} and {:.1} degrees",
+            angles[n / 2],
+            angles[n * 9 / 10]
+        );
+        assert!(n > 80, "{n} surfels");
+        assert!(angles[n / 2] < median && angles[n * 9 / 10] < p90);
+    }
+}
+
+/// The inside of an edge of two walls: each surfel lies on one of them, and each point has one of its own wall where
+/// it is off the other by more than noise.
+#[test]
+fn walls_go_on_up_to_their_edge() {
+    let k = 60;
+    let walls = [
+        quad(DVec3::ZERO, DVec3::X, DVec3::Y, k, 0.9, 1),
+        quad(DVec3::ZERO, DVec3::Y, DVec3::Z, k, 0.9, 2),
+    ];
+    let mut cloud = joined(walls);
+    let mut rng = random(5);
+    let noise = 0.0005;
+    for i in 0..cloud.len() {
+        let off = noise * rng.random_range(-1.7..1.7);
+        cloud.positions[i] += off * cloud.normals[i].as_dvec3();
+    }
+    let Prepared {
+        surfels,
+        surfel_of_point,
+        ..
+    } = fitted(&cloud, &facing(Facing::Viewpoint(DVec3::splat(0.5))));
+    let own_wall = |i: usize, k: usize| {
+        let cos = surfels.normals[k].dot(cloud.normals[i]).abs();
+        f64::from(cos.min(1.0).acos()).to_degrees()
+    };
+    let (mut near, mut wrong, mut tilted) = (0, 0, 0);
+    for i in 0..cloud.len() {
+        let place = cloud.positions[i];
+        let normal = cloud.normals[i].as_dvec3().abs();
+        // How far the other wall is.
+        let beyond = if normal.z > 0.5 { place.x } else { place.z };
+        let Some(k) = surfel_of_point[i].filter(|_| (5.0 * noise..0.05).contains(&beyond)) else {
+            continue;
+        };
+        near += 1;
+        wrong += usize::from(own_wall(i, k as usize) > 45.0);
+        tilted += usize::from((8.0..82.0).contains(&own_wall(i, k as usize)));
+    }
+    println!("{near} points by the edge, {wrong} of the other wall, {tilted} of none");
+    assert!(near > 200);
+    assert!(
+        wrong * 50 < near && tilted * 20 < near,
+        "{wrong} {tilted} of {near}"
+    );
 }

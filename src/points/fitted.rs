@@ -21,6 +21,9 @@ const ALL: usize = usize::MAX;
 /// Neighbours that rise less than this part of their distance go on in the plane of a surfel.
 const FLAT: f64 = 0.3;
 
+/// Surfels at edges are moved to the middle of their points: the farthest corner of one may be so many sizes away.
+const WIDEST: f64 = 1.4;
+
 /// Normals point inward or outward as a whole if this part of the ways from the middle goes along them.
 const SIDED: f64 = 0.01;
 
@@ -257,7 +260,7 @@ impl Prepared {
                     let end = |way: DVec3| f64::from(self.extents.reach(i as usize, way.as_vec3()));
                     (
                         i,
-                        Cell::new(normal, &near.1, &self.rule, size, size, Some(&end)),
+                        Cell::new(normal, &near.1, &self.rule, size, WIDEST * size, Some(&end)),
                     )
                 };
                 run.iter().map(cell).collect::<Vec<_>>()

@@ -1,8 +1,9 @@
 //! Surfels that cover the surface evenly, each fitted to the points around it.
 //!
 //! Points are taken in random order. One that no surfel covers yet becomes the place of a surfel, if it
-//! lies on a surface: on the plane of most of the points around it, which are spread on it as densely as
-//! it is itself. The surfel covers what is on its plane within its size. So no two surfels of one
+//! lies on a surface: on the plane, cylinder or paraboloid of most of the points around it, which are spread on it as
+//! densely as it is itself. Where that holds for too few, one surface ends at another: such points are taken last, and
+//! what lies beside them goes on there. The surfel covers what is on its plane within its size. So no two surfels of one
 //! surface are nearer than that (Poisson discs), those of two sheets know nothing of each other, and layers
 //! within the noise are one sheet.
 
@@ -38,6 +39,12 @@ const FLAT: f32 = 0.8;
 const ROUND: f32 = 0.2;
 /// Fewer points are on any plane: what goes on there comes first.
 const SUPPORT: f32 = 9.0;
+/// Fewer points than this do not tell the middle of what is there.
+const FEW: usize = 4;
+/// And if it is off by no more than so many deviations of the noise (root mean square); it bends if it rises by so many
+/// up to the rim of the footprint.
+const BENDS: f32 = 1.2;
+const RISES: f32 = 3.0;
 /// What is round has so many times as many points on it as a plane.
 const ROUNDER: f32 = 1.3;
 /// Surfels are made smaller for that down to this part of the size wanted.
@@ -347,7 +354,10 @@ impl Cover<'_> {
         let places = samples
             .iter()
             .map(|&k| self.samples.positions[k as usize] - place);
-        let middle = places.sum::<Vec3>() / samples.len().max(1) as f32;
+        let middle = match samples.len() < FEW {
+            true => Vec3::ZERO,
+            false => places.sum::<Vec3>() / samples.len() as f32,
+        };
         place + middle - plane.height(place + middle) * plane.normal
     }
 
@@ -414,7 +424,7 @@ impl Cover<'_> {
             let tangent = Model::Tangent(bent);
             // Parts of all that is around: few points next to each other are on any surface.
             let (on_flat, of) = on(&flat);
-            let curved = match on_flat >= FLAT * of {
+            let curved = match on_flat >= FLAT * of && around.rough(&straight) < BENDS {
                 true => None,
                 false => Curved::fit(&around, &bent),
             };

@@ -15,8 +15,10 @@ const DRAWN_FROM: usize = 24;
 const JUDGES: usize = 96;
 /// Rounds of fitting and weighing.
 const ROUNDS: usize = 4;
-/// Rounds for a flat surface, each with what noise is taken for, in deviations: the point itself is off by some.
-const WIDE: [f32; 3] = [2.0, 1.5, 1.0];
+/// What noise is taken for, in deviations, by those who judge a flat surface, as the point itself is off by some, and in
+/// the rounds.
+const JUDGED: f32 = 2.0;
+const WIDE: [f32; 3] = [4.0, 2.0, 1.0];
 /// Points this many deviations off a plane are no part of it.
 pub(super) const OFF: f32 = 2.5;
 /// A surface bends away from its tangent plane by up to this part of r² / R within the radius R: one
@@ -160,6 +162,16 @@ impl Around<'_> {
         }
     }
 
+    /// How far places on a flat surface are off it, in deviations of the noise (root mean square).
+    pub fn rough(&self, plane: &Plane) -> f32 {
+        let offs = (0..self.places.len()).map(|k| self.off_flat(plane, k));
+        let on = offs.filter(|off| *off <= 1.0);
+        let (squares, count) = on.fold((0.0, 0.0_f32), |(squares, count), off| {
+            (squares + off * off, count + 1.0)
+        });
+        OFF * (squares / count.max(1.0)).sqrt()
+    }
+
     fn weight(&self, plane: &Plane, k: usize) -> f32 {
         bell(OFF * self.off(plane, k)) * self.near(k)
     }
@@ -183,7 +195,7 @@ impl Around<'_> {
             let judges = (0..n).step_by(step);
             judges.fold([0.0; 2], |[bent, straight], k| {
                 let weight = self.weight(plane, k);
-                [bent + weight, straight + flat(plane, k, WIDE[0])]
+                [bent + weight, straight + flat(plane, k, JUDGED)]
             })
         };
         let through = |normal: Vec3| Plane {

@@ -32,6 +32,8 @@ const SCALES: [usize; 7] = [16, 32, 64, 128, 256, 512, 1024];
 const FLAT: [f32; 2] = [0.04, 0.12];
 /// Places that are sure of it are asked alone, if they are this part of all.
 const ENOUGH: f64 = 0.25;
+/// Points of a small cloud.
+const SMALL: usize = 1000;
 /// Noise below this part of the spacing is taken for this: planes stand for curved surfaces.
 const LEAST_NOISE: f32 = 0.01;
 
@@ -191,7 +193,8 @@ impl Scale {
             .collect();
         // Where few are sure, as in a cloud that is all noise, the others have to do.
         let sure = probes.iter().filter(|p| p.1[0].is_some()).count();
-        let which = usize::from((sure as f64) < ENOUGH * probes.len() as f64);
+        // Of a small cloud these would be edges and corners.
+        let which = usize::from((sure as f64) < ENOUGH * probes.len() as f64 && n > SMALL);
         let probes: Vec<(Vec3, f32)> = (probes.into_iter())
             .filter_map(|(place, noise)| Some((place, noise[which]?)))
             .collect();
