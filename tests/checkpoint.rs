@@ -9,9 +9,10 @@ use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::thread::sleep;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use common::{gpu, random, scene};
+use fmmgi_gpu::progress::Silent;
 use fmmgi_gpu::scene::PointLight;
 use fmmgi_gpu::{
     Backend, Checkpoint, Error, IlluminationMap, Method, Options, Progress, Result, Scene,
@@ -79,7 +80,7 @@ fn lit(
     progress: &Until,
 ) -> Result<IlluminationMap> {
     let mut transport = Transport::new(scene, options, backend, progress)?;
-    let checkpoint = Checkpoint::open(folder)?;
+    let checkpoint = Checkpoint::open(folder, &Silent)?;
     Ok(transport.illuminate_from(scene, &checkpoint, progress)?.map)
 }
 
@@ -116,7 +117,7 @@ fn stopped_and_resumed(method: Method, backend: fn() -> Backend<'static>, step: 
     for name in ["links", "bounces", "verification"] {
         assert_eq!(again.begun(name), 0, "{name}");
     }
-    let checkpoint = Checkpoint::open(&kept).unwrap();
+    let checkpoint = Checkpoint::open(&kept, &Silent).unwrap();
     fs::write(kept.join("a file of the user"), "x").unwrap();
     checkpoint.clear().unwrap();
     assert_eq!(names(&kept), [kept.join("a file of the user")]);
@@ -269,18 +270,42 @@ fn the_checkpoint_of_another_run_is_refused() {
 #[test]
 fn a_folder_serves_one_run_at_a_time() {
     let folder = tempfile::tempdir().unwrap();
-    let first = Checkpoint::open(folder.path()).unwrap();
-    let second = Checkpoint::open(folder.path()).unwrap_err().to_string();
+    let first = Checkpoint::open(folder.path(), &Silent).unwrap();
+    let second = Checkpoint::open(folder.path(), &Silent)
+        .unwrap_err()
+        .to_string();
     assert!(
         second.contains("of another run, which has not ended"),
         "{second}"
     );
     drop(first);
-    Checkpoint::open(folder.path()).unwrap();
+    Checkpoint::open(folder.path(), &Silent).unwrap();
     let file = folder.path().join("file");
     fs::write(&file, "x").unwrap();
-    let error = Checkpoint::open(&file).unwrap_err();
+    let error = Checkpoint::open(&file, &Silent).unwrap_err();
     assert!(matches!(error, Error::Io { .. }), "{error:?}");
+}
+
+#[test]
+fn a_run_waits_for_one_that_is_about_to_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let progress = Until::default();
+    // One that is killed only lets go, one that ends well takes the folder away.
+    for clears in [false, true] {
+        let first = Checkpoint::open(folder.path(), &progress).unwrap();
+        assert_eq!(progress.was_told("waiting for another run"), clears);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                sleep(Duration::from_millis(700));
+                match clears {
+                    true => first.clear().unwrap(),
+                    false => drop(first),
+                }
+            });
+            Checkpoint::open(folder.path(), &progress).unwrap();
+        });
+        assert!(progress.was_told("waiting for another run"));
+    }
 }
 
 /// kill -9 at random moments, of all that a run does, until one comes through.

@@ -109,14 +109,14 @@ pub fn run_with(args: &Args, hang: impl FnOnce(&mut Scene)) -> Result<Done> {
         // What is kept are links, however few points there are.
         options.method = Method::Fmm;
     }
+    let progress = Terminal::new(args.quiet, args.verbose);
     let checkpoint = args
         .checkpoint
         .as_deref()
-        .map(Checkpoint::open)
+        .map(|folder| Checkpoint::open(folder, &progress))
         .transpose()?;
     let mut chosen = asked.open(options.method)?;
     terminal::stop_on_ctrl_c();
-    let progress = Terminal::new(args.quiet, args.verbose);
 
     let mut scene = asked.load(&progress)?;
     for source in &scene.sources {

@@ -8,6 +8,8 @@ use std::cell::Cell;
 use std::fs::{self, File, TryLockError};
 use std::io::{self, BufReader, Read, Take, Write};
 use std::path::{Path, PathBuf};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -29,6 +31,10 @@ const SCRATCH: usize = 1 << 12;
 const NAME: &str = "stage-";
 /// The file that a run locks.
 const LOCK: &str = "in-use";
+/// How long a run waits for the lock: one that was killed keeps it until the system has cleared its memory.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Between two tries.
+const PAUSE: Duration = Duration::from_millis(50);
 
 /// A folder where a run leaves what it has found, stage by stage.
 ///
@@ -41,26 +47,44 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    /// Makes the folder, if it is not there, and takes hold of it.
+    /// Makes the folder, if it is not there, and takes hold of it. Waits some seconds for another run to let go.
     ///
     /// # Errors
-    /// [`Error::Io`] if it cannot be made or written, [`Error::Input`] if another run uses it.
-    pub fn open(folder: &Path) -> Result<Checkpoint> {
-        let path = folder.join(LOCK);
+    /// [`Error::Io`] if it cannot be made or written, [`Error::Input`] if another run uses it,
+    /// [`Error::Interrupted`] if `progress` asks to stop.
+    pub fn open(folder: &Path, progress: &dyn Progress) -> Result<Checkpoint> {
         let failed = |e| Error::io(folder, "cannot be used as a checkpoint", e);
-        fs::create_dir_all(folder).map_err(failed)?;
-        let lock = File::create(&path).map_err(failed)?;
-        match lock.try_lock() {
-            Ok(()) => {
-                let folder = folder.to_owned();
-                output::remove_temporary(&folder).map_err(failed)?;
-                Ok(Checkpoint { folder, lock })
+        let begun = Instant::now();
+        let mut told = false;
+        loop {
+            // Made anew each time: a run that ends well takes both away.
+            fs::create_dir_all(folder).map_err(failed)?;
+            let lock = File::create(folder.join(LOCK)).map_err(failed)?;
+            match lock.try_lock() {
+                Ok(()) => {
+                    let folder = folder.to_owned();
+                    output::remove_temporary(&folder).map_err(failed)?;
+                    return Ok(Checkpoint { folder, lock });
+                }
+                Err(TryLockError::WouldBlock) if begun.elapsed() < PATIENCE => {
+                    if !told {
+                        let name = folder.display();
+                        progress.note(&format!(
+                            "checkpoint {name}: waiting for another run to end"
+                        ));
+                        told = true;
+                    }
+                    progress.check()?;
+                    sleep(PAUSE);
+                }
+                Err(TryLockError::WouldBlock) => {
+                    return Err(Error::input(
+                        folder,
+                        "is the checkpoint of another run, which has not ended: give each its own folder",
+                    ));
+                }
+                Err(TryLockError::Error(e)) => return Err(failed(e)),
             }
-            Err(TryLockError::WouldBlock) => Err(Error::input(
-                folder,
-                "is the checkpoint of another run, which has not ended: give each its own folder",
-            )),
-            Err(TryLockError::Error(e)) => Err(failed(e)),
         }
     }
 

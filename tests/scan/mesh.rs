@@ -180,6 +180,61 @@ fn faces_of_ply_files_give_normals_or_samples() {
     }
 }
 
+/// A square of two triangles, with the faces before the vertices.
+fn faces_first(encoding: &str, corners: [u8; 3]) -> Vec<u8> {
+    let header = format!(
+        "ply\nformat {encoding} 1.0\nelement face 2\nproperty list uchar int vertex_indices\n\
+         element vertex 4\n{XYZ}end_header\n"
+    );
+    let vertices = [[0u8, 0, 1], [2, 0, 1], [2, 2, 1], [0, 2, 1]];
+    let faces = [corners, [0, 2, 3]];
+    let text = |row: &[u8; 3]| format!("{} {} {}\n", row[0], row[1], row[2]);
+    let mut bytes = header.into_bytes();
+    match encoding {
+        "ascii" => {
+            let faces = faces.iter().map(|face| "3 ".to_owned() + &text(face));
+            bytes.extend(
+                faces
+                    .chain(vertices.iter().map(text))
+                    .collect::<String>()
+                    .bytes(),
+            );
+        }
+        _ => {
+            for face in faces {
+                bytes.push(3);
+                face.iter()
+                    .for_each(|&i| bytes.extend(i32::from(i).to_le_bytes()));
+            }
+            vertices
+                .as_flattened()
+                .iter()
+                .for_each(|&x| bytes.extend(f32::from(x).to_le_bytes()));
+        }
+    }
+    bytes
+}
+
+#[test]
+fn faces_may_stand_before_the_vertices() {
+    for encoding in ["ascii", "binary_little_endian"] {
+        let bytes = faces_first(encoding, [0, 1, 2]);
+        let cloud = read(&bytes).unwrap();
+        assert_eq!(cloud.positions[2], DVec3::new(2.0, 2.0, 1.0));
+        assert_eq!(cloud.normals, [Vec3::Z; 4]);
+        let file = named(&bytes, "ply");
+        let scan = Scan::read(file.path(), &points(50), &Silent).unwrap();
+        assert!(scan.format.ends_with("2 faces"), "{}", scan.format);
+        assert!(scan.sampled && (scan.cloud.areas.iter().sum::<f32>() - 4.0).abs() < 1e-5);
+
+        // Damaged faces leave the vertices what they are.
+        let damaged = read(&faces_first(encoding, [0, 9, 2])).unwrap();
+        assert_eq!(damaged.positions, cloud.positions);
+        assert!(damaged.normals.is_empty());
+        assert!(damaged.repairs[0].contains("a face has the vertex 9"));
+    }
+}
+
 /// A wall of 5 by 3 with a door of 1 by 2, as one polygon.
 const WALL: [[i32; 2]; 8] = [
     [0, 0],

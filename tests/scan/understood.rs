@@ -299,3 +299,38 @@ fn blocks_join_without_a_seam() {
     let broken = text.replace("\n650000 ", "\nx ");
     assert!(error(broken.as_bytes()).contains("line 650009: \"x\" is no number"));
 }
+
+#[test]
+fn packed_colours_keep_their_bits() {
+    // A subnormal number, a large one, a signalling and a quiet word for none.
+    let colours = [0x0001_0203u32, 0x7f7f_8040, 0xff81_0203, 0xffc8_6432];
+    let expected = read(&ascii(&format!(
+        "element vertex 4\n{XYZ}property uchar red\nproperty uchar green\nproperty uchar blue\n\
+         end_header\n{}",
+        colours
+            .map(|c| {
+                let [b, g, r, _] = c.to_le_bytes();
+                format!("0 0 0 {r} {g} {b}\n")
+            })
+            .concat()
+    )));
+    let expected = expected.unwrap().reflectance;
+    for (name, big) in [("little", false), ("big", true)] {
+        for list in ["", "property list uchar float weights\n"] {
+            let mut bytes = format!(
+                "ply\nformat binary_{name}_endian 1.0\nelement vertex 4\n{XYZ}{list}\
+                 property float rgb\nend_header\n"
+            )
+            .into_bytes();
+            for colour in colours {
+                bytes.extend([0; 12]);
+                bytes.extend((!list.is_empty()).then_some(0));
+                bytes.extend(match big {
+                    true => colour.to_be_bytes(),
+                    false => colour.to_le_bytes(),
+                });
+            }
+            assert_eq!(read(&bytes).unwrap().reflectance, expected, "{name} {list}");
+        }
+    }
+}

@@ -27,11 +27,18 @@ pub fn rows(
     let slots: Vec<Option<usize>> = (0..element.properties.len())
         .map(|property| columns.iter().position(|&column| column == property))
         .collect();
-    let before: usize = ply.before().map(lines_of).sum();
+    let before: Vec<ElementDef> = ply.before().cloned().collect();
     let (line_end, number) = (ply.header.line_end, ply.header.lines + 1);
     let mut lines = Lines::new(&ply.path, &mut ply.input, line_end, number, progress);
     let ignore = |_: &[u8], _: &mut [f64]| Ok(());
-    lines.rows(before, 1, ignore, &mut |_| {})?;
+    let mut found = None;
+    for other in &before {
+        if faces && found.is_none() && super::faces::is_face(other) {
+            found = Some(read_faces(&mut lines, other, element.count)?);
+        } else {
+            lines.rows(lines_of(other), 1, ignore, &mut |_| {})?;
+        }
+    }
     let parse = |line: &[u8], row: &mut [f64]| parse(line, &element, &slots, row);
     let scattered = is_scattered(lines.ahead()?, &element);
     let done = match scattered {
@@ -44,27 +51,34 @@ pub fn rows(
             element.count
         )));
     }
-    if !faces {
-        return Ok(None);
+    if !faces || found.is_some() {
+        return Ok(found);
     }
     let Some((between, face)) = super::faces::element(&ply.header) else {
         return Ok(None);
     };
     let between: usize = between.into_iter().map(lines_of).sum();
     lines.rows(between, 1, ignore, &mut |_| {})?;
+    Ok(Some(read_faces(&mut lines, face, element.count)?))
+}
+
+/// Reads the lines of all faces, or says what is wrong with the first bad one.
+fn read_faces<R: Read>(lines: &mut Lines<R>, face: &ElementDef, vertices: usize) -> Result<Faces> {
     let mut polygons = Polygons::default();
+    let mut wrong = None;
     for done in 0..face.count {
         let Some(line) = lines.line()? else {
-            return Ok(Some(Err(format!(
-                "the file ends after {done} of {} faces",
-                face.count
-            ))));
+            let ends = || format!("the file ends after {done} of {} faces", face.count);
+            return Ok(Err(wrong.unwrap_or_else(ends)));
         };
-        if let Err(what) = add_face(line, face, element.count, &mut polygons) {
-            return Ok(Some(Err(lines.located(what))));
+        // The rest is passed over: vertices may follow.
+        if wrong.is_none()
+            && let Err(what) = add_face(line, face, vertices, &mut polygons)
+        {
+            wrong = Some(lines.located(what));
         }
     }
-    Ok(Some(Ok(polygons)))
+    Ok(wrong.map_or(Ok(polygons), Err))
 }
 
 /// Whether each vertex takes several lines: the values of the first ones fit just so.

@@ -1,15 +1,16 @@
 //! The values of binary PLY files.
 
-use std::io::{self, BufRead, Read, Seek};
+use std::io::{self, BufRead, Read, Seek, SeekFrom};
 
 use ply_rs::ply::{ElementDef, Encoding, PropertyType, ScalarType};
 use rayon::prelude::*;
 
 use super::faces::{Faces, corner};
-use super::layout::{decode, offset, size};
+use super::layout::{decode, decode_packed, offset, size};
 use super::{PlyFile, Rows};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use crate::scan::names;
 use crate::scan::polygons::Polygons;
 
 /// Bytes that are read, decoded and handed on at a time.
@@ -24,18 +25,30 @@ pub fn rows(
     progress: &dyn Progress,
     take: &mut dyn FnMut(Rows),
 ) -> Result<Option<Faces>> {
+    let mut found = None;
     for element in ply.before().cloned().collect::<Vec<_>>() {
-        skip(&mut ply.input, &element, ply.header.encoding, progress)?.map_err(|e| {
-            match e.kind() {
-                io::ErrorKind::UnexpectedEof => ply.input_error(format!(
-                    "the file is cut short: it ends in element {:?}, before the vertices",
-                    element.name
-                )),
-                io::ErrorKind::InvalidData => {
-                    ply.input_error(format!("element {:?}: {e}", element.name))
-                }
-                _ => Error::io(&ply.path, "cannot be read", e),
+        let (encoding, vertices) = (ply.header.encoding, ply.len());
+        if faces && found.is_none() && super::faces::is_face(&element) {
+            let failed = |e| Error::io(&ply.path, "cannot be read", e);
+            let start = ply.input.stream_position().map_err(failed)?;
+            let read = read_faces(&mut ply.input, &element, encoding, vertices, progress)?;
+            let is_sound = read.is_ok();
+            found = Some(read);
+            if is_sound {
+                continue;
             }
+            // Damaged faces end anywhere: the vertices are found once more from the start.
+            ply.input.seek(SeekFrom::Start(start)).map_err(failed)?;
+        }
+        skip(&mut ply.input, &element, encoding, progress)?.map_err(|e| match e.kind() {
+            io::ErrorKind::UnexpectedEof => ply.input_error(format!(
+                "the file is cut short: it ends in element {:?}, before the vertices",
+                element.name
+            )),
+            io::ErrorKind::InvalidData => {
+                ply.input_error(format!("element {:?}: {e}", element.name))
+            }
+            _ => Error::io(&ply.path, "cannot be read", e),
         })?;
     }
     match offset(ply.element(), usize::MAX) {
@@ -43,6 +56,7 @@ pub fn rows(
         None => rows_with_lists(ply, columns, progress, take)?,
     }
     match super::faces::element(&ply.header) {
+        _ if found.is_some() => Ok(found),
         Some((between, face)) if faces => {
             let vertices = ply.len();
             let encoding = ply.header.encoding;
@@ -130,11 +144,12 @@ fn strided_rows(
     take: &mut dyn FnMut(Rows),
 ) -> Result<()> {
     let encoding = ply.header.encoding;
-    let fields: Vec<(usize, ScalarType)> = columns
+    let packed = packed(ply.element());
+    let fields: Vec<(usize, ScalarType, bool)> = columns
         .iter()
         .map(|&column| {
             let offset = offset(ply.element(), column).expect("rows of equal length");
-            (offset, ply.scalar(column).clone())
+            (offset, ply.scalar(column).clone(), packed.contains(&column))
         })
         .collect();
     let block = (BLOCK / stride).max(1).min(ply.len());
@@ -154,7 +169,8 @@ fn strided_rows(
             .zip(bytes.par_chunks_exact(stride))
             .with_min_len(GRAIN)
             .for_each(|(values, bytes)| {
-                for (value, (offset, scalar)) in values.iter_mut().zip(&fields) {
+                for (value, (offset, scalar, packed)) in values.iter_mut().zip(&fields) {
+                    let decode = if *packed { decode_packed } else { decode };
                     *value = decode(scalar, &bytes[*offset..], encoding);
                 }
             });
@@ -174,12 +190,15 @@ fn rows_with_lists(
 ) -> Result<()> {
     let element = ply.element().clone();
     let encoding = ply.header.encoding;
+    let packed = packed(&element);
     let mut row = vec![0.0; element.properties.len()];
     let mut values = Vec::new();
     let mut bytes = 0;
     for done in 0..ply.len() {
         bytes +=
-            read_row(&mut ply.input, &element, encoding, &mut row).map_err(|e| match e.kind() {
+            read_row(&mut ply.input, &element, encoding, &packed, &mut row).map_err(|e| match e
+                .kind()
+            {
                 io::ErrorKind::InvalidData => ply.input_error(format!("vertex {done}: {e}")),
                 _ => ply.read_error(e, done),
             })?;
@@ -192,6 +211,13 @@ fn rows_with_lists(
         }
     }
     Ok(())
+}
+
+/// The columns that hold packed colours.
+fn packed(element: &ElementDef) -> Vec<usize> {
+    let names = element.properties.keys().enumerate();
+    let packed = names.filter(|(_, name)| names::meaning(name) == Some("rgb"));
+    packed.map(|(column, _)| column).collect()
 }
 
 /// Skips all entries of an element. The outer error is the interruption.
@@ -212,7 +238,7 @@ fn skip<R: BufRead + Seek>(
         if i % 65536 == 0 {
             progress.check()?;
         }
-        match read_row(input, element, encoding, &mut row) {
+        match read_row(input, element, encoding, &[], &mut row) {
             Ok(bytes) => progress.advance(bytes),
             Err(e) => return Ok(Err(e)),
         }
@@ -225,13 +251,18 @@ fn read_row<R: BufRead + Seek>(
     input: &mut R,
     element: &ElementDef,
     encoding: Encoding,
+    packed: &[usize],
     row: &mut [f64],
 ) -> io::Result<u64> {
     let mut bytes = 0;
-    for (property, value) in element.properties.values().zip(row) {
+    for (column, (property, value)) in element.properties.values().zip(row).enumerate() {
         let (PropertyType::Scalar(scalar) | PropertyType::List(scalar, _)) = &property.data_type;
         let mut buffer = [0; 8];
         input.read_exact(&mut buffer[..size(scalar)])?;
+        let decode = match packed.contains(&column) {
+            true => decode_packed,
+            false => decode,
+        };
         *value = decode(scalar, &buffer, encoding);
         bytes += size(scalar) as u64;
         if let PropertyType::List(_, item) = &property.data_type {

@@ -98,8 +98,9 @@ impl PlyFile {
             Encoding::BinaryLittleEndian => "binary, little-endian",
             Encoding::BinaryBigEndian => "binary, big-endian",
         };
-        let faces = super::faces::element(&self.header);
-        let faces = faces.map_or(String::new(), |(_, face)| format!(", {} faces", face.count));
+        let mut elements = self.header.elements.values();
+        let faces = elements.find(|element| super::faces::is_face(element));
+        let faces = faces.map_or(String::new(), |face| format!(", {} faces", face.count));
         format!("PLY, {encoding}{faces}")
     }
 

@@ -9,6 +9,14 @@ use crate::scan::polygons::Polygons;
 /// The faces of the file, or what is wrong with them.
 pub type Faces = Result<Polygons, String>;
 
+/// Whether an element holds faces.
+pub fn is_face(element: &ElementDef) -> bool {
+    let mut properties = element.properties.values();
+    element.name == "face"
+        && element.count > 0
+        && properties.any(|p| is_vertices(&p.name) && matches!(p.data_type, PropertyType::List(..)))
+}
+
 /// The element with the faces, and those between the vertices and it; `None` if there is none
 /// behind the vertices.
 pub fn element(header: &Header) -> Option<(Vec<&ElementDef>, &ElementDef)> {
@@ -17,13 +25,6 @@ pub fn element(header: &Header) -> Option<(Vec<&ElementDef>, &ElementDef)> {
         .skip_while(|element| element.name != VERTEX)
         .skip(1);
     let mut between = Vec::new();
-    let is_face = |element: &ElementDef| {
-        let mut properties = element.properties.values();
-        element.name == "face"
-            && element.count > 0
-            && properties
-                .any(|p| is_vertices(&p.name) && matches!(p.data_type, PropertyType::List(..)))
-    };
     loop {
         match after.next()? {
             element if is_face(element) => return Some((between, element)),

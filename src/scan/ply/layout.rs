@@ -36,6 +36,17 @@ pub fn decode(scalar: &ScalarType, bytes: &[u8], encoding: Encoding) -> f64 {
     }
 }
 
+/// The value of a packed colour. Many colours as bits are no number of which a float keeps the bits.
+#[inline]
+pub fn decode_packed(scalar: &ScalarType, bytes: &[u8], encoding: Encoding) -> f64 {
+    match (scalar, decode(scalar, bytes, encoding)) {
+        (ScalarType::Float, value) if value.fract() != 0.0 || value.abs() >= 2f64.powi(32) => {
+            decode(&ScalarType::UInt, bytes, encoding)
+        }
+        (_, value) => value,
+    }
+}
+
 /// Where property `column` of a binary entry begins, or for the number of properties where the
 /// entry ends; `None` if lists make it vary.
 pub fn offset(element: &ElementDef, column: usize) -> Option<usize> {
