@@ -41,10 +41,8 @@ const ROUND: f32 = 0.2;
 const SUPPORT: f32 = 9.0;
 /// Fewer points than this do not tell the middle of what is there.
 const FEW: usize = 4;
-/// And if it is off by no more than so many deviations of the noise (root mean square); it bends if it rises by so many
-/// up to the rim of the footprint.
+/// And they are off it by no more than so many deviations of the noise (root mean square).
 const BENDS: f32 = 1.2;
-const RISES: f32 = 3.0;
 /// What is round has so many times as many points on it as a plane.
 const ROUNDER: f32 = 1.3;
 /// Surfels are made smaller for that down to this part of the size wanted.

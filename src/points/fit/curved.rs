@@ -82,21 +82,6 @@ impl Curved {
         }
     }
 
-    /// How far it rises over its tangent plane within a radius, at most.
-    pub fn rise(&self, radius: f32) -> f32 {
-        0.5 * self.principal()[0].0.abs() as f32 * radius * radius
-    }
-
-    /// How many places are off it by no more than noise.
-    pub fn close(&self, around: &Around) -> f32 {
-        let normal = self.frame[2].as_vec3();
-        let close = (0..around.places.len()).filter(|&k| {
-            around.is_seen_with(normal, k)
-                && self.miss(around.places[k]).abs() <= OFF * around.noise
-        });
-        close.count() as f32
-    }
-
     /// The tangent plane over the origin.
     pub fn tangent(&self) -> Plane {
         let [x, y, normal] = self.frame;
