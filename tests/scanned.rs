@@ -152,16 +152,16 @@ fn errors(room: &Room, scan: Scan) -> [f64; 4] {
 fn a_scanned_room_is_lit_as_the_room() {
     let room = Room::read(ROOM);
     for (name, noise, dirty, known, most) in [
-        ("exact", 0.0, false, false, [0.12, 0.04, 0.01]),
-        ("2 mm of noise", 0.002, false, false, [0.15, 0.06, 0.02]),
+        ("exact", 0.0, false, false, [0.06, 0.03, 0.01]),
+        ("2 mm of noise", 0.002, false, false, [0.12, 0.04, 0.02]),
         (
             "mixed pixels and strays",
             0.002,
             true,
             false,
-            [0.2, 0.06, 0.03],
+            [0.15, 0.05, 0.03],
         ),
-        ("with stations", 0.002, true, true, [0.2, 0.06, 0.02]),
+        ("with stations", 0.002, true, true, [0.15, 0.05, 0.02]),
     ] {
         let [all, median, wrong, bound] = errors(&room, scan(&room, noise, dirty, known));
         println!(
@@ -175,7 +175,7 @@ fn a_scanned_room_is_lit_as_the_room() {
             all < most[0] && median < most[1] && wrong < most[2],
             "{name}"
         );
-        // As far off as is told, and no more is told than four times that.
-        assert!(all < bound && bound < 4.0 * all, "{name}: {all} of {bound}");
+        // As far off as is told. Halves of few points are worse than a half: four times as much is told of exact ones.
+        assert!(all < bound && bound < 5.0 * all, "{name}: {all} of {bound}");
     }
 }
