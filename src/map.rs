@@ -14,9 +14,8 @@ use crate::visibility::{NO_SURFEL, Occluders, Segment, blocked, first_hit};
 
 /// Surfels around a point that is none, between which its light lies.
 const AROUND: usize = 12;
-/// So many are looked at around a surfel, if it has more than this many points.
+/// So many around a surfel are looked at for its many points.
 const BESIDE: usize = 20;
-const SHARED: usize = 6;
 /// Difference of unit normals, and height over the distance of the farthest of them, at which a surfel
 /// counts a quarter.
 const BENT: f32 = 0.2;
@@ -103,17 +102,7 @@ impl IlluminationMap {
             true => Some(Neighbours::new(&surfels.positions)?),
             false => None,
         };
-        // Where many points share a surfel, what lies around it lies around them.
-        let shared = tree.as_ref().filter(|_| n > SHARED * surfels.len());
-        let beside: Vec<[u32; BESIDE]> = match shared {
-            Some(tree) => (surfels.positions.par_iter())
-                .map(|place| {
-                    let near = tree.around(*place, BESIDE);
-                    std::array::from_fn(|k| near[k.min(near.len() - 1)])
-                })
-                .collect(),
-            None => Vec::new(),
-        };
+        let shared = tree.as_ref().and_then(|tree| tree.shared(BESIDE, n));
         progress.stage("points", n as u64);
         let mut map = IlluminationMap {
             irradiance: Vec::with_capacity(n),
@@ -140,12 +129,13 @@ impl IlluminationMap {
                 });
                 let normal = given.unwrap_or(surfels.normals[k]);
                 let mut around = match &tree {
-                    Some(tree) if left_out(&i) => match beside.get(k) {
-                        Some(beside) => {
-                            around(surfels, nearest(surfels, beside, place), place, normal)
-                        }
-                        None => around(surfels, tree.around(place, AROUND), place, normal),
-                    },
+                    Some(tree) if left_out(&i) => {
+                        let near = match &shared {
+                            Some(shared) => nearest(surfels, &shared[k], place),
+                            None => tree.around(place, AROUND),
+                        };
+                        around(surfels, near, place, normal)
+                    }
                     _ => Vec::new(),
                 };
                 if around.is_empty() {
@@ -216,9 +206,7 @@ impl Lit<'_> {
         };
         self.lamps.iter().filter_map(of_lamp).sum()
     }
-}
 
-impl Lit<'_> {
     /// Whether a lamp is seen from a place on surfel k. What lies in the way is not in it where the place is on that
     /// as well, next to an edge.
     fn sees(&self, k: usize, from: Vec3, to: Vec3) -> bool {
@@ -265,7 +253,6 @@ fn nearest(surfels: &Surfels, of: &[u32], place: Vec3) -> Vec<u32> {
     let distance = |k: &u32| surfels.positions[*k as usize].distance_squared(place);
     let mut of: Vec<(f32, u32)> = of.iter().map(|k| (distance(k), *k)).collect();
     of.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    of.dedup_by_key(|(_, k)| *k);
     of.into_iter().map(|(_, k)| k).take(AROUND).collect()
 }
 

@@ -152,6 +152,13 @@ impl fmt::Display for Verified {
             Some(_) => write!(f, ", {} of reflected light", percent(self.ambient))?,
             None => {}
         }
+        if self.reflected.is_some() && self.ambient_counts < 1.0 {
+            write!(
+                f,
+                " (which counts {:.2} on a fitted surface)",
+                self.ambient_counts
+            )?;
+        }
         let [p95, max] = [self.total.p95.value, self.total.max].map(|x| 100.0 * x);
         write!(
             f,

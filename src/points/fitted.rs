@@ -76,6 +76,7 @@ impl Surfels {
                 unusable: fitted.unplaced,
                 strays: fitted.strays,
                 unsure: fitted.unsure,
+                round: fitted.round,
                 ..Quality::default()
             },
             given_areas: vec![0.0; n],
@@ -193,11 +194,19 @@ impl Prepared {
             "no normals: a surface of {fronts} surfels fitted to the points, {how}; how far it is off the true one \
              is not in the error of the equation"
         ));
-        if self.quality.unsure > 0.0 {
-            self.repairs.push(format!(
-                "{:.1}% of the surface: nothing says which side is lit: lit on both, points get the brighter light",
-                100.0 * self.quality.unsure
-            ));
+        for (part, what) in [
+            (
+                self.quality.unsure,
+                "lit on both, points get the brighter light",
+            ),
+            (self.quality.round, "round and thin, so lit from outside"),
+        ] {
+            if part > 0.0 {
+                let percent = 100.0 * part;
+                self.repairs.push(format!(
+                    "{percent:.1}% of the surface: nothing says which side is lit: {what}"
+                ));
+            }
         }
         for (count, what) in [
             (

@@ -26,6 +26,8 @@ pub(crate) struct Last {
     count: usize,
 }
 
+/// More places than this to a point are many.
+const SHARED: usize = 6;
 /// Distances are rounded.
 const ROUNDING: f32 = 1.0 + 1e-5;
 
@@ -124,6 +126,14 @@ impl<'a> Neighbours<'a> {
             .within::<SquaredEuclidean<f32>>(reach * reach)
             .execute();
         found.iter().map(|n| (n.item, n.distance)).collect()
+    }
+
+    /// For each point the `count` nearest ones, itself first, if many of so many places share a point: what lies
+    /// around it lies around them. Else `None`.
+    pub fn shared(&self, count: usize, places: usize) -> Option<Vec<Vec<u32>>> {
+        let around = |place: &Vec3| self.around(*place, count);
+        (places > SHARED * self.positions.len())
+            .then(|| self.positions.par_iter().map(around).collect())
     }
 
     /// The points nearest to a place, nearest first.

@@ -39,6 +39,8 @@ pub struct Quality {
     pub strays: usize,
     /// Share of the surface of which nothing says which side is lit.
     pub unsure: f64,
+    /// Share of the surface that is lit from outside because it is round and thin, as nothing else says which side is.
+    pub round: f64,
     /// Points inside of bodies or behind walls.
     pub buried: usize,
     /// How far points lay beside their surface, in spacings: median.

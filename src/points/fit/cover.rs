@@ -14,7 +14,8 @@ use rand::seq::SliceRandom;
 use rayon::prelude::*;
 
 use super::curved::Curved;
-use super::plane::{AT_LEAST, Around, OFF, Plane, Weighted, allowed, same_side};
+use super::patch::{FOOTPRINT, Model, Patch};
+use super::plane::{AT_LEAST, Around, OFF, Plane, Weighted};
 use super::round::Round;
 use super::samples::{Samples, Scale};
 use crate::error::Result;
@@ -22,8 +23,6 @@ use crate::points::neighbours::Neighbours;
 use crate::progress::Progress;
 use crate::random::{Purpose, stream};
 
-/// Radius of the footprint that a surfel is fitted to, in sizes.
-const FOOTPRINT: f32 = 2.0;
 /// A surfel is as large as this many deviations of the noise, so that its footprint tells a direction.
 const NOISE: f32 = 5.0;
 /// Where less than this part of the points within its size lie on its plane, a surfel is too large for what
@@ -33,16 +32,14 @@ const WHOLE: f32 = 0.65;
 const PART: f32 = 0.3;
 /// Of a footprint with many more points so many tell as well what is there.
 const MANY: usize = 128;
-/// Where this part of the footprint does, nothing else is looked for.
+/// Where this part of the footprint does, off it by no more than so many deviations of the noise (root mean square),
+/// nothing else is looked for.
 const FLAT: f32 = 0.8;
-/// A surfel is round if its radius of curvature is less than its size over this.
-const ROUND: f32 = 0.2;
+const BENDS: f32 = 1.2;
 /// Fewer points are on any plane: what goes on there comes first.
 const SUPPORT: f32 = 9.0;
 /// Fewer points than this do not tell the middle of what is there.
 const FEW: usize = 4;
-/// And they are off it by no more than so many deviations of the noise (root mean square).
-const BENDS: f32 = 1.2;
 /// What is round has so many times as many points on it as a plane.
 const ROUNDER: f32 = 1.3;
 /// Surfels are made smaller for that down to this part of the size wanted.
@@ -69,127 +66,6 @@ const LOOKED_AT: usize = 16;
 const ON: f32 = 3.0;
 /// Parts of the points that are fitted at the same time: few enough to be far apart.
 const BATCHES: usize = 64;
-
-/// A surfel to be.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Patch {
-    /// The sample that stands for it.
-    pub sample: u32,
-    pub position: Vec3,
-    /// Of either sign.
-    pub normal: Vec3,
-    /// No surfel of the same surface is nearer than this.
-    pub size: f32,
-    /// Deviation of points from their surface.
-    pub noise: f32,
-    /// Deviation of those within its size from its plane.
-    pub rough: f32,
-    /// Whether it is a plane within the noise.
-    pub flat: bool,
-    /// The larger principal curvature, positive where it bends toward its normal.
-    pub bend: f32,
-    /// The cylinder that it is a part of.
-    pub round: Option<Round>,
-    /// Mean colour of the points on it, and how far they are off that (root mean square).
-    pub colour: Vec3,
-    pub mottled: f32,
-    /// Distance of the points around.
-    pub spacing: f32,
-    /// From where the sample was seen that it was fitted at: a unit vector, or zero.
-    pub view: Vec3,
-    /// Whether both sides may be lit.
-    pub both: bool,
-}
-
-impl Patch {
-    /// Whether it bends within a few of its sizes, so that neighbours are seen to lie on one arc.
-    pub fn is_round(&self) -> bool {
-        (self.bend * self.size).abs() > ROUND
-    }
-
-    /// How far a colour is off that of the points here, in their deviations.
-    pub fn strange(&self, colour: Vec3) -> f32 {
-        colour.distance(self.colour) / self.mottled
-    }
-
-    /// Whether a sample was seen on the same side.
-    pub fn is_seen_with(&self, samples: &Samples, k: u32) -> bool {
-        samples
-            .view(k)
-            .is_none_or(|view| same_side(self.normal, self.view, view))
-    }
-
-    /// How far a place is off the plane or the cylinder, in deviations of the points on it.
-    pub fn deviations(&self, place: Vec3) -> f32 {
-        match &self.round {
-            Some(round) => round.height(place) / self.noise,
-            None => self.normal.dot(place - self.position) / self.rough,
-        }
-    }
-
-    /// Its plane next to a place.
-    fn tangent_at(&self, place: Vec3) -> Plane {
-        let height = self.normal.dot(place - self.position);
-        match &self.round {
-            Some(round) => round.tangent_at(place),
-            None => Plane {
-                normal: self.normal,
-                centre: place - height * self.normal,
-                along: [0.0; 2],
-            },
-        }
-    }
-
-    /// How far a place is beside the surface of this patch, in what counts as off: up to 1 it is on it.
-    pub fn beside(&self, place: Vec3) -> f32 {
-        let way = place - self.position;
-        let height = self.normal.dot(way);
-        let along = way - height * self.normal;
-        match (&self.round, self.flat) {
-            (Some(round), _) => round.height(place).abs() / (OFF * self.noise),
-            (None, true) => height.abs() / (OFF * self.noise),
-            (None, false) => height.abs() / allowed(along, FOOTPRINT * self.size, self.noise),
-        }
-    }
-}
-
-/// The surface around a point: a plane or a cylinder within the noise, its tangent plane, or where that holds for
-/// too few points a paraboloid.
-enum Model {
-    Flat(Plane),
-    Round(Round),
-    Tangent(Plane),
-    Curved(Curved),
-}
-
-impl Model {
-    fn tangent(&self) -> Plane {
-        match self {
-            Model::Flat(plane) | Model::Tangent(plane) => *plane,
-            Model::Round(round) => round.tangent(),
-            Model::Curved(curved) => curved.tangent(),
-        }
-    }
-
-    /// The larger principal curvature, positive where the surface bends toward its normal.
-    fn bend(&self) -> f32 {
-        match self {
-            Model::Flat(_) | Model::Tangent(_) => 0.0,
-            Model::Round(round) => round.bend(),
-            Model::Curved(curved) => curved.principal()[0].0 as f32,
-        }
-    }
-
-    /// How far place k is off, in what is allowed.
-    fn off(&self, around: &Around, k: usize) -> f32 {
-        match self {
-            Model::Flat(plane) => around.off_flat(plane, k),
-            Model::Tangent(plane) => around.off(plane, k),
-            Model::Round(round) => round.off(around, k),
-            Model::Curved(curved) => curved.off(around, k),
-        }
-    }
-}
 
 /// The size of surfels of which no more than `most` cover the points.
 pub(super) fn size_for(scale: &Scale, most: usize) -> f32 {
@@ -514,7 +390,6 @@ impl Cover<'_> {
                 noise,
                 rough: noise.max(mean.sqrt()),
                 flat,
-                bend: model.bend(),
                 round: match model {
                     Model::Round(round) => Some(round.moved(place)),
                     _ => None,

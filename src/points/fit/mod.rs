@@ -8,6 +8,7 @@
 mod cover;
 mod curved;
 mod owners;
+mod patch;
 mod plane;
 mod round;
 mod samples;
@@ -21,9 +22,9 @@ use super::{Facing, PointCloud, Surfels};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::visibility::NO_SURFEL;
-use cover::Patch;
 pub(super) use owners::Extents;
 use owners::Owners;
+use patch::Patch;
 use plane::PLAIN;
 use samples::{Samples, Scale};
 use sides::Known;
@@ -61,6 +62,8 @@ pub(super) struct Fitted {
     pub unplaced: usize,
     /// Share of the area whose lit side is unknown.
     pub unsure: f64,
+    /// Share of the area that is lit on its outside because it is round, as nothing else says which.
+    pub round: f64,
     /// What the sides were decided by.
     pub how: &'static str,
 }
@@ -116,21 +119,25 @@ pub(super) fn fit(
     for (patch, flipped) in patches.iter_mut().zip(&found.flipped) {
         if *flipped {
             patch.normal = -patch.normal;
-            patch.bend = -patch.bend;
         }
     }
     for (patch, unsure) in patches.iter_mut().zip(&found.unsure) {
         patch.both = *unsure;
     }
+    let area = |p: &Patch| f64::from(p.size).powi(2);
+    let round = patches
+        .iter()
+        .zip(&found.round)
+        .filter(|(_, round)| **round);
+    let round: f64 = round.map(|(patch, _)| area(patch)).sum();
     let hanging = found.hanging.iter().filter(|hanging| **hanging).count();
     if (1..patches.len()).contains(&hanging) {
         let mut hanging = found.hanging.iter();
         patches.retain(|_| !hanging.next().is_some_and(|hanging| *hanging));
         owners = Owners::of(samples, &mut patches, progress)?;
     }
-    let area = |p: &Patch| f64::from(p.size).powi(2);
     let both = patches.iter().filter(|p| p.both).map(area).sum::<f64>();
-    let unsure = both / patches.iter().map(area).sum::<f64>();
+    let whole = patches.iter().map(area).sum::<f64>();
     let of_all = (half.as_ref())
         .map(|_| Owners::nearest_to(&all, &patches))
         .transpose()?;
@@ -142,7 +149,8 @@ pub(super) fn fit(
         surfel_of_point: of_all.of_points(cloud.len(), &all),
         sizes: patches.iter().map(|p| p.size).collect(),
         surfels: surfels(cloud, samples, &patches, &owners),
-        unsure,
+        unsure: both / whole,
+        round: round / whole,
         how: found.how,
     };
     fitted.add_backs(&patches);

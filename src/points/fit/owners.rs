@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::cover::Patch;
+use super::patch::Patch;
 use super::samples::Samples;
 use crate::error::Result;
 use crate::points::PointCloud;
@@ -12,9 +12,8 @@ use crate::progress::Progress;
 
 /// Surfels among which a point's is looked for.
 const NEAR: usize = 10;
-/// Surfels around one that has more than so many points.
+/// Surfels around one among which those of its many points are looked for.
 const BESIDE_IT: usize = 14;
-const SHARED: usize = 6;
 /// A point farther from a surfel than this many of its sizes is none of its own.
 const FAR: f32 = 1.5;
 /// Or farther beside its plane than this many times what its surface allows.
@@ -51,18 +50,11 @@ impl Owners {
     pub fn nearest_to(samples: &Samples, patches: &[Patch]) -> Result<Owners> {
         let places: Vec<Vec3> = patches.iter().map(|p| p.position).collect();
         let tree = Neighbours::new(&places)?;
-        // Where many points share a surfel, those around it are around them.
-        let beside: Vec<Vec<u32>> = match samples.len() > SHARED * places.len() {
-            true => (places
-                .par_iter()
-                .map(|place| tree.around(*place, BESIDE_IT)))
-            .collect(),
-            false => Vec::new(),
-        };
+        let shared = tree.shared(BESIDE_IT, samples.len());
         let owner = |(sample, &place): (usize, &Vec3)| {
-            let nearest = tree.around(place, if beside.is_empty() { NEAR } else { 1 });
-            let near = match (beside.is_empty(), nearest.first()) {
-                (false, Some(k)) => &beside[*k as usize],
+            let nearest = tree.around(place, if shared.is_some() { 1 } else { NEAR });
+            let near = match (&shared, nearest.first()) {
+                (Some(shared), Some(k)) => &shared[*k as usize],
                 _ => &nearest,
             };
             let own = near.iter().filter_map(|&k| {

@@ -12,7 +12,7 @@ use glam::{Vec2, Vec3};
 use rand::RngExt;
 use rayon::prelude::*;
 
-use super::cover::Patch;
+use super::patch::Patch;
 use super::signs::{Signs, Vote, summed};
 use crate::error::Result;
 use crate::points::cells::MAX_EDGES;
@@ -69,6 +69,8 @@ pub(super) struct Sides {
     pub flipped: Vec<bool>,
     /// Whether nothing says which side is the lit one.
     pub unsure: Vec<bool>,
+    /// Whether that of a patch is the outside of something round, as nothing else says which.
+    pub round: Vec<bool>,
     /// Whether a patch is one of few points that hang in free space: no surface.
     pub hanging: Vec<bool>,
     /// What the sides as a whole were decided by.
@@ -137,11 +139,11 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
         points[p as usize] += count;
     }
     let torn = |(sum, whole): (f64, f64)| sum < SURE * whole;
-    let hollow = hollow(patches, &pieces);
+    let outside = outside(patches, &pieces);
     let mut round = vec![false; pieces.count];
     for p in 0..pieces.count {
-        if hollow[p] != 0.0 && torn(add(by_all[p], views.own[p])) {
-            (signs[p], round[p]) = (-hollow[p], true);
+        if outside[p] != 0.0 && torn(add(by_all[p], views.own[p])) {
+            (signs[p], round[p]) = (outside[p], true);
         }
     }
     let flipped = pieces
@@ -150,7 +152,7 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
         .map(|&(p, flip)| flip != (signs[p as usize] < 0.0));
     let unsure = |p: usize| !round[p] && torn(add(by_all[p], views.own[p]));
     let hanging =
-        |p: usize| hollow[p] == 0.0 && torn(add(seen[p], views.own[p])) && points[p] < FEW;
+        |p: usize| outside[p] == 0.0 && torn(add(seen[p], views.own[p])) && points[p] < FEW;
     let of_pieces = |is: &dyn Fn(usize) -> bool| -> Vec<bool> {
         let of: Vec<bool> = (0..pieces.count).map(is).collect();
         pieces.of.iter().map(|&(p, _)| of[p as usize]).collect()
@@ -158,20 +160,26 @@ pub(super) fn sides(patches: &[Patch], known: &Known, progress: &dyn Progress) -
     Ok(Sides {
         flipped: flipped.collect(),
         unsure: of_pieces(&unsure),
+        round: of_pieces(&|p| round[p]),
         hanging: of_pieces(&hanging),
         how,
     })
 }
 
-/// Of each piece that is round all over and thin: 1 if its normals point to the hollow side, -1 if to the other one,
-/// from which alone pipes, posts and rails are seen. 0 of the others.
-fn hollow(patches: &[Patch], pieces: &Pieces) -> Vec<f64> {
+/// Of each piece that is of thin cylinders: the sign of its normals with which they point outward, the side from which
+/// alone pipes, posts and rails are seen. 0 of the others.
+fn outside(patches: &[Patch], pieces: &Pieces) -> Vec<f64> {
     let mut sums = vec![(0.0, 0.0); pieces.count];
     for (patch, &(p, flip)) in patches.iter().zip(&pieces.of) {
-        let bend = if flip { -patch.bend } else { patch.bend };
         let (sum, whole) = &mut sums[p as usize];
-        *sum += f64::from(u8::from(patch.is_round())) * f64::from(bend.signum()) * area(patch);
         *whole += area(patch);
+        if let Some(outward) = patch.points_outward() {
+            *sum += if outward != flip {
+                area(patch)
+            } else {
+                -area(patch)
+            };
+        }
     }
     let of = |(sum, whole): (f64, f64)| match sum.abs() > ALL_OVER * whole {
         true => sum.signum(),
@@ -209,7 +217,7 @@ fn pieces(patches: &[Patch]) -> Result<(Pieces, Vec<Vote>)> {
                 let flat =
                     way.dot(own.normal).abs().max(way.dot(other.normal).abs()) < 0.3 * way.length();
                 let smooth = own.normal.dot(other.normal).abs() > ONE_PIECE && flat
-                    || own.is_round() && other.is_round();
+                    || own.is_round_with(&other);
                 (way.length() < reach).then_some((i as u32, j, agree, smooth))
             })
         })
